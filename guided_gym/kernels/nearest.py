@@ -1,0 +1,623 @@
+"""Exact nearest neighbours among configurations that keep arriving: an insert-only k-d tree.
+
+A search tree asks for a neighbour before every insertion, so the index is never rebuilt as a whole for one.
+Leaves are buckets that split at the median; every node keeps the tight box of its points, so a split plane
+only guides insertion and ties may lie on both sides. A subtree that grows lopsided (sorted insertions) is
+rebuilt, which bounds the depth and keeps the amortised cost of an insertion logarithmic.
+
+Distances are `sqrt(sum_i (w_i * wrap(delta_i))^2)`. Rounding is monotone in every step of it, for points and
+for boxes alike, so pruning never loses a neighbour, not even one that ties in the last bit.
+
+Fused kernels take `GrowingIndex.state` and call `insert`, `nearest`, `k_nearest` and `within` themselves.
+`insert` returns `FULL` and changes nothing when no row is left: the kernel must then return to Python, which
+calls `GrowingIndex.reserve` and enters the kernel again with the *new* `state`.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, TypeAlias
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from guided_gym.errors import InvalidInputError
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+    from typing import TypeVar
+
+    _F = TypeVar("_F", bound=Callable[..., object])
+
+    def njit(*, cache: bool) -> Callable[[_F], _F]:
+        """Stand in for numba's untyped decorator in static checks."""
+        ...
+else:
+    from numba import njit
+
+Floats: TypeAlias = NDArray[np.float64]
+Ints: TypeAlias = NDArray[np.int64]
+State: TypeAlias = tuple[Floats, NDArray[np.int32], Floats, Floats, Ints]
+"""The index as arrays, of one numba type for every dimension (all C-contiguous; d is the dimension):
+
+points (capacity, d) float64: configurations, periodic coordinates wrapped to [-period/2, period/2)
+nodes (node capacity, 5 + LEAF_SIZE) int32: axis (-1 in a leaf), left, right, count, lowest index, bucket
+boxes (node capacity, 2 d + 1) float64: lower corner, upper corner, split value
+work (3 d + STACK_SIZE,) float64: weights, periods (inf: not periodic), the query, stacked squared distances
+counters (3 + STACK_SIZE,) int64: number of points, number of nodes used, first free node, stacked nodes
+"""
+
+FULL = -1
+"""Returned by `insert` when no row is left; nothing was changed."""
+NOT_FINITE = -2
+"""Returned by `insert` for a configuration with NaN or an infinity; nothing was changed."""
+
+LEAF_SIZE = 16
+STACK_SIZE = 128  # the depth stays below log(n) / log(1 / MAX_SHARE) + LEAF_SIZE
+MAX_SHARE = 0.75  # a child with a larger share of its parent's points has the parent rebuilt
+MIN_REBUILD = 8 * LEAF_SIZE
+MAX_DIMENSION = 16
+
+_AXIS, _LEFT, _RIGHT, _COUNT, _LOWEST, _BUCKET = range(6)
+_POINTS, _NODES, _FREE, _STACK = range(4)
+_NONE = -1
+
+
+@njit(cache=True)
+def _wrapped(value: float, period: float) -> float:
+    """Return `value` in [-period/2, period/2); unchanged where the period is infinite."""
+    half = 0.5 * period
+    if -half <= value < half or not np.isfinite(period):
+        return value
+    value -= period * np.floor((value + half) / period)
+    if value >= half or value < -half:  # only rounding gets here
+        return -half
+    return value
+
+
+@njit(cache=True)
+def _load_query(work: Floats, q: Floats) -> None:
+    d = q.shape[0]
+    for j in range(d):
+        work[2 * d + j] = _wrapped(q[j], work[d + j])
+
+
+@njit(cache=True)
+def _point_distance2(points: Floats, i: int, work: Floats) -> float:
+    """Squared distance of point `i` from the loaded query."""
+    d = points.shape[1]
+    total = 0.0
+    for j in range(d):
+        delta = abs(points[i, j] - work[2 * d + j])
+        delta = min(delta, work[d + j] - delta) * work[j]
+        total += delta * delta
+    return total
+
+
+@njit(cache=True)
+def _box_distance2(boxes: Floats, node: int, work: Floats) -> float:
+    """Squared distance of the loaded query from a node's box, the shorter way round where periodic."""
+    d = boxes.shape[1] // 2
+    total = 0.0
+    for j in range(d):
+        below = boxes[node, j] - work[2 * d + j]
+        above = work[2 * d + j] - boxes[node, d + j]
+        gap = max(below, above)
+        if gap > 0.0:
+            gap = min(gap, work[d + j] + min(below, above)) * work[j]
+            total += gap * gap
+    return total
+
+
+@njit(cache=True)
+def _new_node(nodes: NDArray[np.int32], boxes: Floats, counters: Ints) -> int:
+    node: int = counters[_FREE]
+    if node >= 0:
+        counters[_FREE] = nodes[node, _LEFT]
+    else:
+        node = counters[_NODES]
+        counters[_NODES] = node + 1
+    _clear_node(nodes, boxes, node)
+    return node
+
+
+@njit(cache=True)
+def _clear_node(nodes: NDArray[np.int32], boxes: Floats, node: int) -> None:
+    d = boxes.shape[1] // 2
+    nodes[node, _AXIS] = _NONE
+    nodes[node, _COUNT] = 0
+    for j in range(d):
+        boxes[node, j] = np.inf
+        boxes[node, d + j] = -np.inf
+
+
+@njit(cache=True)
+def _include(points: Floats, nodes: NDArray[np.int32], boxes: Floats, node: int, i: int) -> None:
+    """Count point `i` in `node` and widen its box."""
+    d = points.shape[1]
+    if nodes[node, _COUNT] == 0 or i < nodes[node, _LOWEST]:
+        nodes[node, _LOWEST] = i
+    nodes[node, _COUNT] += 1
+    for j in range(d):
+        boxes[node, j] = min(boxes[node, j], points[i, j])
+        boxes[node, d + j] = max(boxes[node, d + j], points[i, j])
+
+
+@njit(cache=True)
+def _select_middle(points: Floats, ids: NDArray[np.int32], start: int, stop: int, axis: int) -> int:
+    """Partition ids[start:stop] about the middle by (coordinate, id) and return the middle."""
+    middle = (start + stop) // 2
+    low, high = start, stop - 1
+    while low < high:
+        pivot = ids[(low + high) // 2]
+        value = points[pivot, axis]
+        left, right = low, high
+        while left <= right:
+            while points[ids[left], axis] < value or (points[ids[left], axis] == value and ids[left] < pivot):
+                left += 1
+            while points[ids[right], axis] > value or (
+                points[ids[right], axis] == value and ids[right] > pivot
+            ):
+                right -= 1
+            if left <= right:
+                ids[left], ids[right] = ids[right], ids[left]
+                left += 1
+                right -= 1
+        if middle <= right:
+            high = right
+        elif middle >= left:
+            low = left
+        else:
+            break
+    return middle
+
+
+@njit(cache=True)
+def _widest_axis(boxes: Floats, node: int, work: Floats) -> int:
+    d = boxes.shape[1] // 2
+    axis, widest = 0, -1.0
+    for j in range(d):
+        extent = (boxes[node, d + j] - boxes[node, j]) * work[j]
+        if extent > widest:
+            axis, widest = j, extent
+    return axis
+
+
+@njit(cache=True)
+def _build(state: State, root: int, ids: NDArray[np.int32], split_once: bool) -> None:
+    """Make `root` (cleared) the subtree over `ids`; `split_once` splits a full leaf in two."""
+    points, nodes, boxes, work, counters = state
+    d = points.shape[1]
+    pending = np.empty((STACK_SIZE, 3), np.int64)
+    pending[0, 0], pending[0, 1], pending[0, 2] = root, 0, ids.shape[0]
+    top = 1
+    while top > 0:
+        top -= 1
+        node, start, stop = pending[top, 0], pending[top, 1], pending[top, 2]
+        for s in range(start, stop):
+            _include(points, nodes, boxes, node, ids[s])
+        if stop - start <= LEAF_SIZE and not (split_once and node == root):
+            for s in range(start, stop):
+                nodes[node, _BUCKET + s - start] = ids[s]
+            continue
+        axis = _widest_axis(boxes, node, work)
+        middle = _select_middle(points, ids, start, stop, axis)
+        nodes[node, _AXIS] = axis
+        boxes[node, 2 * d] = points[ids[middle], axis]
+        left = _new_node(nodes, boxes, counters)
+        right = _new_node(nodes, boxes, counters)
+        nodes[node, _LEFT], nodes[node, _RIGHT] = left, right
+        pending[top, 0], pending[top, 1], pending[top, 2] = right, middle, stop
+        top += 1
+        pending[top, 0], pending[top, 1], pending[top, 2] = left, start, middle
+        top += 1
+
+
+@njit(cache=True)
+def _dissolve(state: State, root: int) -> NDArray[np.int32]:
+    """Free every node under `root`, clear `root` itself, and return the ids that it held."""
+    _, nodes, boxes, _, counters = state
+    ids = np.empty(nodes[root, _COUNT], np.int32)
+    found = 0
+    counters[_STACK] = root
+    top = 1
+    while top > 0:
+        top -= 1
+        node = counters[_STACK + top]
+        if nodes[node, _AXIS] < 0:
+            for s in range(nodes[node, _COUNT]):
+                ids[found] = nodes[node, _BUCKET + s]
+                found += 1
+        else:
+            counters[_STACK + top] = nodes[node, _RIGHT]
+            counters[_STACK + top + 1] = nodes[node, _LEFT]
+            top += 2
+        if node != root:
+            nodes[node, _LEFT] = counters[_FREE]
+            counters[_FREE] = node
+    _clear_node(nodes, boxes, root)
+    return ids
+
+
+@njit(cache=True)
+def _child_for(state: State, node: int, i: int) -> int:
+    """Choose the child that takes point `i`; a point on the split plane goes to the smaller side."""
+    points, nodes, boxes, _, _ = state
+    value = points[i, nodes[node, _AXIS]]
+    split = boxes[node, 2 * points.shape[1]]
+    left: int = nodes[node, _LEFT]
+    right: int = nodes[node, _RIGHT]
+    if value < split or (value == split and nodes[left, _COUNT] <= nodes[right, _COUNT]):
+        return left
+    return right
+
+
+@njit(cache=True)
+def insert(state: State, q: Floats) -> int:
+    """Add a configuration and return its index, or `FULL`, or `NOT_FINITE`.
+
+    Amortised O(log n) for every order of insertion (rarely a rebuild: O(log^2 n)).
+    """
+    points, nodes, boxes, work, counters = state
+    i: int = counters[_POINTS]
+    d = points.shape[1]
+    if i >= points.shape[0]:
+        return FULL
+    for j in range(d):
+        if not np.isfinite(q[j]):
+            return NOT_FINITE
+    for j in range(d):
+        points[i, j] = _wrapped(q[j], work[d + j])
+    counters[_POINTS] = i + 1
+    node, lopsided = 0, _NONE
+    while True:
+        if nodes[node, _AXIS] < 0:
+            if nodes[node, _COUNT] < LEAF_SIZE:
+                nodes[node, _BUCKET + nodes[node, _COUNT]] = i
+                _include(points, nodes, boxes, node, i)
+                break
+            _build(state, node, _dissolve(state, node), True)
+        _include(points, nodes, boxes, node, i)
+        child = _child_for(state, node, i)
+        count = nodes[node, _COUNT]
+        if lopsided < 0 and count > MIN_REBUILD and nodes[child, _COUNT] + 1 > MAX_SHARE * count:
+            lopsided = node
+        node = child
+    if lopsided >= 0:
+        _build(state, lopsided, _dissolve(state, lopsided), False)
+    return i
+
+
+@njit(cache=True)
+def _offer(d2: float, i: int, indices: Ints, squares: Floats) -> None:
+    """Keep (d2, i) among the k best, sorted by distance, then by index."""
+    last = indices.shape[0] - 1
+    if d2 > squares[last] or (d2 == squares[last] and i > indices[last]):
+        return
+    while last > 0 and (d2 < squares[last - 1] or (d2 == squares[last - 1] and i < indices[last - 1])):
+        squares[last] = squares[last - 1]
+        indices[last] = indices[last - 1]
+        last -= 1
+    squares[last] = d2
+    indices[last] = i
+
+
+@njit(cache=True)
+def _search(state: State, q: Floats, indices: Ints, squares: Floats) -> None:
+    """Fill `indices` and `squares` (k,) with the k nearest; k must not exceed the number of points."""
+    points, nodes, boxes, work, counters = state
+    n, last, stacked = counters[_POINTS], indices.shape[0] - 1, 3 * points.shape[1]
+    _load_query(work, q)
+    for s in range(last + 1):
+        indices[s], squares[s] = n, np.inf
+    node, node_d2, top = 0, 0.0, 0
+    while True:
+        while node_d2 < squares[last] or (node_d2 == squares[last] and nodes[node, _LOWEST] < indices[last]):
+            if nodes[node, _AXIS] < 0:
+                for s in range(nodes[node, _COUNT]):
+                    i = nodes[node, _BUCKET + s]
+                    _offer(_point_distance2(points, i, work), i, indices, squares)
+                break
+            near, far = nodes[node, _LEFT], nodes[node, _RIGHT]
+            near_d2, far_d2 = _box_distance2(boxes, near, work), _box_distance2(boxes, far, work)
+            if far_d2 < near_d2:
+                near, far, near_d2, far_d2 = far, near, far_d2, near_d2
+            if far_d2 <= squares[last]:
+                counters[_STACK + top], work[stacked + top] = far, far_d2
+                top += 1
+            node, node_d2 = near, near_d2
+        if top == 0:
+            return
+        top -= 1
+        node, node_d2 = counters[_STACK + top], work[stacked + top]
+
+
+@njit(cache=True)
+def nearest(state: State, q: Floats) -> tuple[int, float]:
+    """Return the nearest configuration's index and distance; (-1, inf) if none or q is not finite."""
+    points, nodes, boxes, work, counters = state
+    n, stacked = counters[_POINTS], 3 * points.shape[1]
+    _load_query(work, q)
+    best, best_d2 = n, np.inf
+    node, node_d2, top = 0, 0.0, 0
+    while True:
+        while node_d2 < best_d2 or (node_d2 == best_d2 and nodes[node, _LOWEST] < best):
+            if nodes[node, _AXIS] < 0:
+                for s in range(nodes[node, _COUNT]):
+                    i = nodes[node, _BUCKET + s]
+                    d2 = _point_distance2(points, i, work)
+                    if d2 < best_d2 or (d2 == best_d2 and i < best):
+                        best, best_d2 = i, d2
+                break
+            near, far = nodes[node, _LEFT], nodes[node, _RIGHT]
+            near_d2, far_d2 = _box_distance2(boxes, near, work), _box_distance2(boxes, far, work)
+            if far_d2 < near_d2:
+                near, far, near_d2, far_d2 = far, near, far_d2, near_d2
+            if far_d2 <= best_d2:
+                counters[_STACK + top], work[stacked + top] = far, far_d2
+                top += 1
+            node, node_d2 = near, near_d2
+        if top == 0:
+            break
+        top -= 1
+        node, node_d2 = counters[_STACK + top], work[stacked + top]
+    if best_d2 == np.inf:
+        return -1, np.inf
+    return best, np.sqrt(best_d2)
+
+
+@njit(cache=True)
+def k_nearest(state: State, q: Floats, k: int) -> tuple[Ints, Floats]:
+    """Return indices (k,) int64 and distances (k,), nearest first, ties by index; fewer if fewer exist."""
+    k = min(k, state[4][_POINTS])
+    indices, squares = np.empty(k, np.int64), np.empty(k, np.float64)
+    if k > 0:
+        _search(state, q, indices, squares)
+    return indices, np.sqrt(squares)
+
+
+@njit(cache=True)
+def within(state: State, q: Floats, r: float) -> Ints:
+    """Return the indices (m,) int64, ascending, of all configurations at a distance of at most `r`."""
+    points, nodes, boxes, work, counters = state
+    _load_query(work, q)
+    found, hits = 0, np.empty(64, np.int64)
+    counters[_STACK] = 0
+    top = 1
+    while top > 0:
+        top -= 1
+        node = counters[_STACK + top]
+        if np.sqrt(_box_distance2(boxes, node, work)) > r:
+            continue
+        if nodes[node, _AXIS] >= 0:
+            counters[_STACK + top] = nodes[node, _RIGHT]
+            counters[_STACK + top + 1] = nodes[node, _LEFT]
+            top += 2
+            continue
+        if found + LEAF_SIZE > hits.shape[0]:
+            wider = np.empty(2 * hits.shape[0], np.int64)
+            wider[:found] = hits[:found]
+            hits = wider
+        for s in range(nodes[node, _COUNT]):
+            i = nodes[node, _BUCKET + s]
+            if np.sqrt(_point_distance2(points, i, work)) <= r:
+                hits[found] = i
+                found += 1
+    return np.sort(hits[:found])
+
+
+@njit(cache=True)
+def _insert_many(state: State, Q: Floats) -> int:
+    for row in range(Q.shape[0]):
+        status: int = insert(state, Q[row])
+        if status < 0:
+            return int(status)
+    return Q.shape[0]
+
+
+@njit(cache=True)
+def _nearest_many(state: State, Q: Floats) -> tuple[Ints, Floats]:
+    indices, distances = np.empty(Q.shape[0], np.int64), np.empty(Q.shape[0], np.float64)
+    for row in range(Q.shape[0]):
+        indices[row], distances[row] = nearest(state, Q[row])
+    return indices, distances
+
+
+@njit(cache=True)
+def _k_nearest_many(state: State, Q: Floats, k: int) -> tuple[Ints, Floats]:
+    indices, squares = np.empty((Q.shape[0], k), np.int64), np.empty((Q.shape[0], k), np.float64)
+    for row in range(Q.shape[0]):
+        _search(state, Q[row], indices[row], squares[row])
+    return indices, np.sqrt(squares)
+
+
+@njit(cache=True)
+def _depth(nodes: NDArray[np.int32]) -> int:
+    """Number of levels, for tests of the balance."""
+    pending = np.zeros((STACK_SIZE, 2), np.int64)
+    top, deepest = 1, 0
+    while top > 0:
+        top -= 1
+        node, level = pending[top, 0], pending[top, 1] + 1
+        deepest = max(deepest, level)
+        if nodes[node, _AXIS] >= 0:
+            pending[top, 0], pending[top, 1] = nodes[node, _RIGHT], level
+            pending[top + 1, 0], pending[top + 1, 1] = nodes[node, _LEFT], level
+            top += 2
+    return deepest
+
+
+def checked_metric(weights: ArrayLike, periods: ArrayLike) -> tuple[Floats, Floats]:
+    """Return weights and periods as float64 arrays (d,); 0 in `periods` means not periodic.
+
+    Raises:
+        InvalidInputError: shapes differ, d is not in 1..16, a weight is not positive, a period is negative.
+    """
+    w = np.ascontiguousarray(weights, dtype=np.float64)
+    p = np.ascontiguousarray(periods, dtype=np.float64)
+    if w.ndim != 1 or w.shape != p.shape or not 1 <= w.shape[0] <= MAX_DIMENSION:
+        raise InvalidInputError(
+            f"expected weights and periods of one shape (d,) with 1 <= d <= {MAX_DIMENSION}, "
+            f"got shapes {w.shape} and {p.shape}"
+        )
+    if not (np.all(np.isfinite(w)) and np.all(w > 0)):
+        raise InvalidInputError(f"expected finite positive weights, got {w.tolist()}")
+    if not (np.all(np.isfinite(p)) and np.all(p >= 0)):
+        raise InvalidInputError(f"expected finite periods >= 0 (0: not periodic), got {p.tolist()}")
+    return w, p
+
+
+class GrowingIndex:
+    """Exact, deterministic nearest neighbours under insertion (periodic, weighted; see the module).
+
+    Not safe for use by two threads at once: queries share scratch space.
+
+    Attributes:
+        state: the arrays that the compiled functions take; replaced whenever the index grows.
+    """
+
+    state: State
+
+    def __init__(self, weights: ArrayLike, periods: ArrayLike, capacity: int = 1024) -> None:
+        """Make an empty index; `capacity` is only a first guess, it doubles when needed."""
+        w, p = checked_metric(weights, periods)
+        d = w.shape[0]
+        work = np.empty(3 * d + STACK_SIZE)
+        work[:d], work[d : 2 * d] = w, np.where(p > 0, p, np.inf)
+        counters = np.zeros(_STACK + STACK_SIZE, np.int64)
+        counters[_NODES], counters[_FREE] = 1, _NONE
+        rows = max(int(capacity), 1)
+        points, nodes, boxes = self._arrays(rows, d)
+        _clear_node(nodes, boxes, 0)
+        nodes[0, _LOWEST] = 0
+        self.state = (points, nodes, boxes, work, counters)
+
+    @staticmethod
+    def _arrays(rows: int, d: int) -> tuple[Floats, NDArray[np.int32], Floats]:
+        # Every leaf but a lone root holds at least half a bucket.
+        node_rows = 4 * rows // LEAF_SIZE + 4
+        return (
+            np.empty((rows, d)),
+            np.empty((node_rows, _BUCKET + LEAF_SIZE), np.int32),
+            np.empty((node_rows, 2 * d + 1)),
+        )
+
+    def __len__(self) -> int:
+        return int(self.state[4][_POINTS])
+
+    @property
+    def points(self) -> Floats:
+        """Read-only view (n, d) of the configurations in order of insertion, periodic coordinates wrapped."""
+        view = self.state[0][: len(self)]
+        view.flags.writeable = False
+        return view
+
+    def reserve(self, extra: int) -> None:
+        """Make room for `extra` more configurations; `state` is replaced if the arrays must grow."""
+        points, nodes, boxes, work, counters = self.state
+        wanted = len(self) + extra
+        if wanted <= points.shape[0]:
+            return
+        wider = self._arrays(max(wanted, 2 * points.shape[0]), points.shape[1])
+        wider[0][: len(points)] = points
+        wider[1][: len(nodes)] = nodes
+        wider[2][: len(boxes)] = boxes
+        self.state = (*wider, work, counters)
+
+    def _query(self, q: ArrayLike) -> Floats:
+        out = np.ascontiguousarray(q, dtype=np.float64)
+        if out.shape != self.state[0].shape[1:]:
+            raise InvalidInputError(
+                f"expected a configuration of shape {self.state[0].shape[1:]}, got shape {out.shape}"
+            )
+        return out
+
+    def _queries(self, Q: ArrayLike) -> Floats:
+        out = np.ascontiguousarray(Q, dtype=np.float64)
+        if out.ndim != 2 or out.shape[1:] != self.state[0].shape[1:]:
+            raise InvalidInputError(
+                f"expected configurations of shape (n, {self.state[0].shape[1]}), got shape {out.shape}"
+            )
+        if not np.all(np.isfinite(out)):
+            raise InvalidInputError("expected finite configurations, got NaN or an infinity")
+        return out
+
+    def add(self, q: ArrayLike) -> int:
+        """Insert a configuration (d,) and return its index.
+
+        Raises:
+            InvalidInputError: wrong shape, NaN or an infinity.
+        """
+        row = self._query(q)
+        status = insert(self.state, row)
+        if status == FULL:
+            self.reserve(1)
+            status = insert(self.state, row)
+        if status == NOT_FINITE:
+            raise InvalidInputError(f"expected a finite configuration, got {row.tolist()}")
+        return int(status)
+
+    def add_many(self, Q: ArrayLike) -> None:
+        """Insert configurations (n, d) in order.
+
+        Raises:
+            InvalidInputError: wrong shape, NaN or an infinity (then nothing is inserted).
+        """
+        rows = self._queries(Q)
+        self.reserve(len(rows))
+        _insert_many(self.state, rows)
+
+    def nearest(self, q: ArrayLike) -> tuple[int, float]:
+        """Return the index of the nearest configuration (the lower of equals) and its distance.
+
+        Raises:
+            InvalidInputError: wrong shape, a query that is not finite, or an empty index.
+        """
+        index, distance = nearest(self.state, self._query(q))
+        if index < 0:
+            came = "an empty index" if len(self) == 0 else f"{np.asarray(q).tolist()}"
+            raise InvalidInputError(f"expected a finite query and a non-empty index, got {came}")
+        return int(index), float(distance)
+
+    def k_nearest(self, q: ArrayLike, k: int) -> tuple[Ints, Floats]:
+        """Return indices (k,) and distances (k,), nearest first, ties by index; fewer if fewer exist.
+
+        Raises:
+            InvalidInputError: wrong shape, a query that is not finite, or k < 1.
+        """
+        if k < 1:
+            raise InvalidInputError(f"expected k >= 1, got {k}")
+        row = self._queries(np.asarray(q, dtype=np.float64)[None])[0]
+        return k_nearest(self.state, row, k)
+
+    def within(self, q: ArrayLike, r: float) -> Ints:
+        """Return the indices, ascending, of all configurations at a distance of at most `r`.
+
+        Raises:
+            InvalidInputError: wrong shape, a query that is not finite, or a NaN radius.
+        """
+        row = self._queries(np.asarray(q, dtype=np.float64)[None])[0]
+        if np.isnan(r):
+            raise InvalidInputError(f"expected a radius, got {r}")
+        return within(self.state, row, float(r))
+
+    def nearest_many(self, Q: ArrayLike) -> tuple[Ints, Floats]:
+        """Return indices (n,) and distances (n,) of the nearest configuration of each row of Q (n, d).
+
+        Raises:
+            InvalidInputError: wrong shape, not finite, or an empty index.
+        """
+        rows = self._queries(Q)
+        if len(self) == 0:
+            raise InvalidInputError("expected a non-empty index, got an empty index")
+        return _nearest_many(self.state, rows)
+
+    def k_nearest_many(self, Q: ArrayLike, k: int) -> tuple[Ints, Floats]:
+        """Return indices (n, k) and distances (n, k) for each row of Q (n, d), as `k_nearest`.
+
+        Raises:
+            InvalidInputError: wrong shape, not finite, or k not in 1..len(self).
+        """
+        rows = self._queries(Q)
+        if not 1 <= k <= len(self):
+            raise InvalidInputError(f"expected 1 <= k <= {len(self)} (the number of configurations), got {k}")
+        return _k_nearest_many(self.state, rows, k)
