@@ -128,7 +128,7 @@ def _checked_bounds(bounds: Sequence[float]) -> Bounds:
         raise InvalidInputError(
             f"bounds must be finite (xmin, ymin, xmax, ymax) with xmin < xmax and ymin < ymax, got {bounds!r}"
         )
-    return values  # type: ignore[return-value]
+    return values
 
 
 def _checked_obstacle(number: int, obstacle: object, bounds: Bounds) -> list[shapely.Polygon]:

@@ -99,7 +99,7 @@ class ConfigurationSpace:
 
         Antisymmetric to the last bit; half a turn keeps the sign of b - a.
         """
-        change = self._many(b) - self._many(a)
+        change: FloatArray = self._many(b) - self._many(a)
         if self.dimension == 3:
             change[..., 2] -= 2.0 * math.pi * np.rint(change[..., 2] / (2.0 * math.pi))
         return change
@@ -107,7 +107,8 @@ class ConfigurationSpace:
     def distance(self, a: Configurations, b: Configurations) -> FloatArray:
         """Distance d_C of the metric, broadcasting over leading axes (length)."""
         change = self.difference(a, b) * self.weights
-        return np.sqrt(np.einsum("...i,...i->...", change, change))
+        lengths: FloatArray = np.sqrt(np.einsum("...i,...i->...", change, change))
+        return lengths
 
     def interpolate(self, a: Configurations, b: Configurations, t: float | FloatArray) -> FloatArray:
         """Configurations at fractions t of the straight motion a -> b: leading axes of t, a, b, then (d,)."""

@@ -16,7 +16,7 @@ supporting line. A pose is free iff every pair is separated by more than `tolera
 against `margin`, a little more than `tolerance` (by more than all rounding), so that every pose of a
 certified motion is free.
 """
-# mypy: disable-error-code="misc"
+# mypy: disable-error-code="misc,no-any-return"
 
 from __future__ import annotations
 
