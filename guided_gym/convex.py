@@ -62,7 +62,8 @@ def _merge_triangles(triangles: list[list[Vertex]]) -> list[list[Vertex]]:
 
     def find(i: int) -> int:
         while owner[i] != i:
-            i = owner[i] = owner[owner[i]]
+            owner[i] = owner[owner[i]]
+            i = owner[i]
         return i
 
     for start, end, left, right in _diagonals(triangles):
