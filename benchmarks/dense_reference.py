@@ -1,9 +1,9 @@
 """A slow, independent judge of motions: dense poses, exact polygon intersection.
 
-It shares nothing with `guided_gym.kernels.collision`: no convex pieces, no separating axes, no advancement. A pose
-collides when an edge of the robot's outline crosses an edge of an obstacle, when one contains the other, or when a
-vertex leaves the bounds. A motion is checked at poses so dense that no point of the robot moves more than `step`
-between two of them; poses whose circumscribed disc cannot reach an obstacle are skipped.
+It shares nothing with `guided_gym.kernels.collision`: no convex pieces, no separating axes, no advancement. A
+pose collides when an edge of the robot's outline crosses an edge of an obstacle, when one contains the other,
+or when a vertex leaves the bounds. A motion is checked at poses so dense that no point of the robot moves
+more than `step` between two of them; poses whose circumscribed disc cannot reach an obstacle are skipped.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ from guided_gym.robots import Robot
 FloatArray = npt.NDArray[np.float64]
 IntArray = npt.NDArray[np.int64]
 Scene = tuple[FloatArray, FloatArray, FloatArray, IntArray]
-"""Bounds (4,), outline (V, 2), obstacle corners (N, 2), first corner of each obstacle plus the end (P + 1,)."""
+"""Bounds (4,), outline (V, 2), obstacle corners (N, 2), first corner of each obstacle and end (P + 1,)."""
 
 
 def scene_of(robot: Robot, environment: Environment) -> Scene:
@@ -123,7 +123,7 @@ def pose_collides(q, scene):
     _place(outline, placed, q[0], q[1], q[2] if q.shape[0] > 2 else 0.0)
     if _leaves(placed, bounds):
         return True
-    for p in range(starts.shape[0] - 1):
+    for p in range(starts.shape[0] - 1):  # noqa: SIM110 (numba has no generators in any())
         if _touches(placed, corners, starts[p], starts[p + 1]):
             return True
     return False
@@ -146,7 +146,7 @@ def motion_collides(a, b, step, scene, low=0.0, high=1.0):
             turn -= 2.0 * math.pi * np.rint(turn / (2.0 * math.pi))
     dx, dy = b[0] - a[0], b[1] - a[1]
     length = math.hypot(dx, dy)
-    count = int(math.ceil((high - low) * (length + radius * abs(turn)) / step)) + 1
+    count = math.ceil((high - low) * (length + radius * abs(turn)) / step) + 1
     for k in range(count + 1):
         t = low + (high - low) * k / count
         x, y = a[0] + t * dx, a[1] + t * dy
