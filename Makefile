@@ -1,0 +1,95 @@
+# Two commands for a newcomer: `make run` and `make test`. `make` alone lists the rest.
+PYTHON ?= python3
+RESULTS ?= results
+SHELL := bash
+.DEFAULT_GOAL := help
+.DELETE_ON_ERROR:
+.PHONY: help run test lint types bench clean
+
+# Neither the caller's packages nor files in the current folder may stand in for the installed package.
+unexport PYTHONPATH PYTHONHOME
+export PIP_DISABLE_PIP_VERSION_CHECK = 1
+export PIP_NO_INPUT = 1
+
+RUN := .venv
+TEST := .venv-test
+BENCH := .venv-bench
+PIP_INSTALL := -m pip install --quiet --constraint constraints.txt
+METADATA := pyproject.toml constraints.txt
+# Folders too, so that a file that goes away counts as a change.
+SOURCES := $(shell find guided_gym envs agents train -name __pycache__ -prune \
+	-o \( -type d -o -name '*.py' -o -name py.typed \) -print)
+
+# $(call elsewhere,COMMAND) runs it in an empty folder, where only the installed package can be imported.
+elsewhere = away=$$(mktemp -d) && trap 'rm -rf "$$away"' EXIT && cd "$$away" && $(1)
+
+help: ## Show this list
+	@echo "guided-gym: make TARGET [PYTHON=python3.12]"
+	@grep -hE '^[a-z]+:.*## ' Makefile | awk -F ':.*## ' '{ printf "  make %-6s %s\n", $$1, $$2 }'
+
+run: $(RUN)/.installed ## Compare guidances on TrapCup: a table, and figures in results/trapcup
+	@$(RUN)/bin/guided-gym evaluate --env TrapCup --guidance rrt,lazy_prm,medial_axis,hybrid \
+		--seeds 16 --workers 2 --out $(RESULTS)/trapcup
+
+test: lint types ## Check everything, as CI does: style, types, tests and docs, against the built wheel
+	@$(call elsewhere,MPLBACKEND=Agg SDL_VIDEODRIVER=dummy GUIDED_GYM_CACHE="$$away/cache" \
+		"$(CURDIR)/$(TEST)/bin/python" -m pytest "$(CURDIR)/tests" --rootdir "$(CURDIR)" \
+		-c "$(CURDIR)/pyproject.toml" --import-mode=importlib -p no:cacheprovider $(PYTEST_ARGS))
+
+lint: $(TEST)/.dependencies ## Check style and formatting (ruff)
+	@$(TEST)/bin/ruff check .
+	@$(TEST)/bin/ruff format --check .
+
+# On the wheel, and elsewhere: type checkers do not know which folder installs under which name.
+types: $(TEST)/.installed ## Check the types of the installed wheel (mypy --strict)
+	@$(call elsewhere,"$(CURDIR)/$(TEST)/bin/mypy" --config-file "$(CURDIR)/pyproject.toml" \
+		--cache-dir "$(CURDIR)/.mypy_cache" -p guided_gym)
+
+bench: $(BENCH)/.installed ## Run every benchmark; JSON in results/bench
+	@mkdir -p $(RESULTS)/bench
+	@set -e; for program in benchmarks/*.py; do \
+		name=$$(basename "$$program" .py); \
+		echo "== $$name"; \
+		$(BENCH)/bin/python "$$program" --json "$(RESULTS)/bench/$$name.json"; \
+	done
+
+clean: ## Remove environments, builds and caches; results stay
+	@rm -rf $(RUN) $(TEST) $(BENCH) build dist *.egg-info .mypy_cache .ruff_cache .pytest_cache .hypothesis
+	@find guided_gym envs agents train tests benchmarks -name __pycache__ -prune -exec rm -rf {} +
+
+# build/ goes before and after each install: setuptools would pack what an older tree left in it.
+$(RUN)/.installed: $(METADATA) $(SOURCES)
+	@echo "Installing guided-gym into $(RUN) ..."
+	@rm -rf build
+	@test -x $(RUN)/bin/python || $(PYTHON) -m venv $(RUN)
+	@$(RUN)/bin/python $(PIP_INSTALL) .
+	@rm -rf build
+	@touch $@
+
+$(BENCH)/.installed: $(METADATA) $(SOURCES)
+	@echo "Installing guided-gym and the benchmarks' peers into $(BENCH) ..."
+	@rm -rf build
+	@test -x $(BENCH)/bin/python || $(PYTHON) -m venv $(BENCH)
+	@$(BENCH)/bin/python $(PIP_INSTALL) '.[bench]'
+	@rm -rf build
+	@touch $@
+
+# A new environment whenever the pins change, so that nothing stays that they no longer name. The package
+# comes along for its dependencies only and leaves again: the tests get the wheel.
+$(TEST)/.dependencies: $(METADATA)
+	@echo "Installing what the tests need into $(TEST) (some minutes the first time) ..."
+	@rm -rf $(TEST) build
+	@$(PYTHON) -m venv $(TEST)
+	@$(TEST)/bin/python $(PIP_INSTALL) torch
+	@$(TEST)/bin/python $(PIP_INSTALL) '.[dev,train,render]'
+	@$(TEST)/bin/python -m pip uninstall --quiet --yes guided-gym
+	@rm -rf build
+	@touch $@
+
+$(TEST)/.installed: $(TEST)/.dependencies $(SOURCES)
+	@echo "Building and installing the wheel ..."
+	@rm -rf build dist
+	@$(TEST)/bin/python -m pip wheel --quiet --no-deps --wheel-dir dist .
+	@$(TEST)/bin/python -m pip install --quiet --no-deps --force-reinstall dist/*.whl
+	@rm -rf build
+	@touch $@

@@ -1,0 +1,142 @@
+"""The shape of the package: which room imports which, what an import costs, what may shadow it."""
+
+from __future__ import annotations
+
+import ast
+import importlib.util
+import os
+import subprocess
+import sys
+import textwrap
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+
+# Each room may import itself and those before it.
+ROOMS = ("guided_gym", "guided_gym.envs", "guided_gym.agents", "guided_gym.train")
+HEAVY = ("torch", "pygame", "matplotlib", "networkx", "stable_baselines3", "scipy.spatial", "pandas")
+LONGEST_FUNCTION = 60  # lines, without the docstring
+
+
+def _folder(room: str) -> Path:
+    spec = importlib.util.find_spec(room)
+    assert spec is not None, f"{room} is not installed"
+    assert spec.submodule_search_locations is not None
+    return Path(spec.submodule_search_locations[0])
+
+
+def _modules() -> Iterator[tuple[str, str, Path]]:
+    """(room, dotted name, file) of each module of the installed package."""
+    folders = {room: _folder(room) for room in ROOMS}
+    others = set(folders.values()) - {folders["guided_gym"]}
+    for room, folder in folders.items():
+        for file in sorted(folder.rglob("*.py")):
+            # In a wheel the other rooms lie inside the first one's folder; in a checkout beside it.
+            if room == "guided_gym" and others & set(file.parents):
+                continue
+            parts = file.relative_to(folder).with_suffix("").parts
+            parts = parts[:-1] if parts[-1] == "__init__" else parts
+            yield room, ".".join((room, *parts)), file
+
+
+MODULES = list(_modules())
+
+
+def _imported(name: str, file: Path) -> Iterator[str]:
+    """Dotted names that a module imports, anywhere in it; `from a import b` counts as a and as a.b."""
+    package = name if file.name == "__init__.py" else name.rpartition(".")[0]
+    for node in ast.walk(ast.parse(file.read_text(encoding="utf-8"))):
+        if isinstance(node, ast.Import):
+            yield from (alias.name for alias in node.names)
+        elif isinstance(node, ast.ImportFrom):
+            base = node.module or ""
+            if node.level:
+                base = importlib.util.resolve_name("." * node.level + base, package)
+            yield base
+            yield from (f"{base}.{alias.name}" for alias in node.names)
+
+
+def _room_of(name: str) -> str | None:
+    rooms = [room for room in ROOMS if name == room or name.startswith(f"{room}.")]
+    return max(rooms, key=len) if rooms else None
+
+
+def test_the_package_was_found() -> None:
+    assert {room for room, _, _ in MODULES} == set(ROOMS)
+
+
+@pytest.mark.parametrize(("room", "name", "file"), MODULES, ids=[name for _, name, _ in MODULES])
+def test_imports_run_one_way(room: str, name: str, file: Path) -> None:
+    allowed = ROOMS[: ROOMS.index(room) + 1]
+    for imported in _imported(name, file):
+        target = _room_of(imported)
+        assert target is None or target in allowed, f"{name} imports {imported}; may import {allowed} only"
+        assert imported.split(".")[0] not in {"envs", "agents", "train"}, f"{name} imports a bare {imported}"
+
+
+def test_no_module_is_a_cellar() -> None:
+    cellars = {"utils", "util", "helpers", "misc", "common"}
+    assert [name for _, name, _ in MODULES if name.split(".")[-1].strip("_") in cellars] == []
+
+
+def test_functions_fit_on_a_screen() -> None:
+    long = []
+    for _, name, file in MODULES:
+        for node in ast.walk(ast.parse(file.read_text(encoding="utf-8"))):
+            if isinstance(node, ast.FunctionDef | ast.AsyncFunctionDef):
+                body = node.body[1:] if ast.get_docstring(node) else node.body
+                lines = (node.body[-1].end_lineno or 0) - (body[0].lineno if body else 0) + 1
+                if lines > LONGEST_FUNCTION:
+                    long.append(f"{name}.{node.name}: {lines} lines")
+    assert long == []
+
+
+def test_import_is_light() -> None:
+    code = f"""
+        import sys
+        import guided_gym
+        print([name for name in {HEAVY!r} if name in sys.modules])
+    """
+    assert _run(code).strip() == "[]"
+
+
+def test_import_registers_environments_without_loading_them() -> None:
+    code = """
+        import sys
+        import gymnasium
+        import guided_gym
+        assert "guided_gym/TrapCup-v0" in gymnasium.registry, sorted(gymnasium.registry)
+        print([name for name in sys.modules if name.startswith(("guided_gym.envs", "guided_gym.agents"))])
+    """
+    assert _run(code).strip() == "[]"
+
+
+def test_make__in_a_folder_of_decoys(tmp_path: Path) -> None:
+    """Other people's projects have a train.py, an agents.py and an envs folder; none of them may get in."""
+    for decoy in ("train.py", "agents.py", "envs/__init__.py", "utils.py", "problems.py", "kernels.py"):
+        (tmp_path / decoy).parent.mkdir(exist_ok=True)
+        (tmp_path / decoy).write_text("raise RuntimeError('a file of the project was imported')\n")
+    code = """
+        import gymnasium as gym
+        env = gym.make("guided_gym:guided_gym/TrapCup-v0")
+        observation, info = env.reset(seed=0)
+        observation, reward, terminated, truncated, info = env.step(0)
+        print(type(env.unwrapped).__module__, reward <= 0.0)
+    """
+    assert _run(code, tmp_path).strip().startswith("guided_gym.envs")
+
+
+def _run(code: str, folder: Path | None = None) -> str:
+    """Output of a program run by a fresh interpreter, by default in the folder of this one."""
+    environment = {name: value for name, value in os.environ.items() if name != "PYTHONPATH"}
+    result = subprocess.run(
+        [sys.executable, "-c", textwrap.dedent(code)],
+        cwd=folder,
+        env=environment,
+        capture_output=True,
+        text=True,
+        timeout=240,
+    )
+    assert result.returncode == 0, result.stderr
+    return result.stdout
