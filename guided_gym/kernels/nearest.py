@@ -56,6 +56,7 @@ STACK_SIZE = 128  # the depth stays below log(n) / log(1 / MAX_SHARE) + LEAF_SIZ
 MAX_SHARE = 0.75  # a child with a larger share of its parent's points has the parent rebuilt
 MIN_REBUILD = 8 * LEAF_SIZE
 MAX_DIMENSION = 16
+ROUNDING = 1.0 + 1e-12  # widens a radius before pruning where the bound's rounding is not monotone
 
 _AXIS, _LEFT, _RIGHT, _COUNT, _LOWEST, _BUCKET = range(6)
 _POINTS, _NODES, _FREE, _STACK = range(4)
@@ -239,6 +240,11 @@ def _dissolve(state: State, root: int) -> NDArray[np.int32]:
 
 
 @njit(cache=True)
+def _rebuild(state: State, node: int, split_once: bool) -> None:
+    _build(state, node, _dissolve(state, node), split_once)
+
+
+@njit(cache=True)
 def _child_for(state: State, node: int, i: int) -> int:
     """Choose the child that takes point `i`; a point on the split plane goes to the smaller side."""
     points, nodes, boxes, _, _ = state
@@ -275,7 +281,7 @@ def insert(state: State, q: Floats) -> int:
                 nodes[node, _BUCKET + nodes[node, _COUNT]] = i
                 _include(points, nodes, boxes, node, i)
                 break
-            _build(state, node, _dissolve(state, node), True)
+            _rebuild(state, node, True)
         _include(points, nodes, boxes, node, i)
         child = _child_for(state, node, i)
         count = nodes[node, _COUNT]
@@ -283,7 +289,7 @@ def insert(state: State, q: Floats) -> int:
             lopsided = node
         node = child
     if lopsided >= 0:
-        _build(state, lopsided, _dissolve(state, lopsided), False)
+        _rebuild(state, lopsided, False)
     return i
 
 
@@ -376,6 +382,43 @@ def k_nearest(state: State, q: Floats, k: int) -> tuple[Ints, Floats]:
 
 
 @njit(cache=True)
+def doubled(values: Ints) -> Ints:
+    """Return a copy with room for as many again."""
+    wider = np.empty(2 * values.shape[0], np.int64)
+    for s in range(values.shape[0]):
+        wider[s] = values[s]
+    return wider
+
+
+@njit(cache=True)
+def first_sorted(values: Ints, count: int) -> Ints:
+    """Return the first `count` values, ascending (heapsort: numba's own sort takes seconds to compile)."""
+    out = np.empty(count, np.int64)
+    for s in range(count):
+        out[s] = values[s]
+    start, stop = count // 2, count
+    while stop > 1:
+        if start > 0:
+            start -= 1
+        else:
+            stop -= 1
+            out[0], out[stop] = out[stop], out[0]
+        slot = start
+        value = out[slot]
+        child = 2 * slot + 1
+        while child < stop:
+            if child + 1 < stop and out[child] < out[child + 1]:
+                child += 1
+            if out[child] <= value:
+                break
+            out[slot] = out[child]
+            slot = child
+            child = 2 * slot + 1
+        out[slot] = value
+    return out
+
+
+@njit(cache=True)
 def within(state: State, q: Floats, r: float) -> Ints:
     """Return the indices (m,) int64, ascending, of all configurations at a distance of at most `r`."""
     points, nodes, boxes, work, counters = state
@@ -394,15 +437,109 @@ def within(state: State, q: Floats, r: float) -> Ints:
             top += 2
             continue
         if found + LEAF_SIZE > hits.shape[0]:
-            wider = np.empty(2 * hits.shape[0], np.int64)
-            wider[:found] = hits[:found]
-            hits = wider
+            hits = doubled(hits)
         for s in range(nodes[node, _COUNT]):
             i = nodes[node, _BUCKET + s]
             if np.sqrt(_point_distance2(points, i, work)) <= r:
                 hits[found] = i
                 found += 1
-    return np.sort(hits[:found])
+    return first_sorted(hits, found)
+
+
+@njit(cache=True)
+def _offset(points: Floats, i: int, work: Floats, j: int, turned: int) -> float:
+    """Coordinate j of point `i` minus the query, the short way round, the other way if `turned` says so."""
+    period = work[points.shape[1] + j]
+    delta: float = points[i, j] - work[2 * points.shape[1] + j]
+    if 2.0 * abs(delta) > period:
+        delta -= np.copysign(period, delta)
+    if (turned >> j) & 1:
+        delta -= np.copysign(period, delta)
+    return delta
+
+
+@njit(cache=True)
+def _shifted_distance2(points: Floats, i: int, work: Floats, halves: Floats, row: int, turned: int) -> float:
+    """Squared distance of the origin from `offset + t * halves[row]`, t in [-1, 1]."""
+    d = points.shape[1]
+    along, length2 = 0.0, 0.0
+    for j in range(d):
+        half = halves[row, j] * work[j]
+        along -= _offset(points, i, work, j, turned) * work[j] * half
+        length2 += half * half
+    t = 0.0
+    if length2 > 0.0:
+        t = min(1.0, max(-1.0, along / length2))
+    total = 0.0
+    for j in range(d):
+        gap = (_offset(points, i, work, j, turned) + t * halves[row, j]) * work[j]
+        total += gap * gap
+    return total
+
+
+@njit(cache=True)
+def segment_distance2(points: Floats, i: int, work: Floats, halves: Floats, row: int) -> float:
+    """Squared distance between a segment and a configuration, over every way round.
+
+    One of point `i` and the loaded query is the segment's midpoint, the other the configuration;
+    `halves[row]` (d,) is half the segment's difference vector, so at most a quarter of a period long.
+    """
+    d = points.shape[1]
+    turnable = 0
+    for j in range(d):
+        period = work[d + j]
+        delta = abs(points[i, j] - work[2 * d + j])
+        if min(delta, period - delta) + abs(halves[row, j]) > 0.5 * period:
+            turnable |= 1 << j  # one end of the segment is nearer the other way round
+    best = _shifted_distance2(points, i, work, halves, row, 0)
+    turned = turnable
+    while turned > 0:
+        best = min(best, _shifted_distance2(points, i, work, halves, row, turned))
+        turned = (turned - 1) & turnable
+    return best
+
+
+@njit(cache=True)
+def load_segment(work: Floats, a: Floats, b: Floats, halves: Floats, row: int) -> float:
+    """Load the midpoint of the short way from `a` to `b` as the query; return half of its length.
+
+    Half of the difference vector goes to `halves[row]`.
+    """
+    d = a.shape[0]
+    half2: float = 0.0
+    for j in range(d):
+        period = work[d + j]
+        start = _wrapped(a[j], period)
+        half = 0.5 * _wrapped(b[j] - start, period)
+        halves[row, j] = half
+        work[2 * d + j] = _wrapped(start + half, period)
+        half2 += (half * work[j]) ** 2
+    return float(np.sqrt(half2))
+
+
+@njit(cache=True)
+def near_segment(state: State, a: Floats, b: Floats, r: float) -> int:
+    """Return some configuration within `r` of the straight short way from `a` to `b`, or -1 if none is."""
+    points, nodes, boxes, work, counters = state
+    halves = np.empty((1, points.shape[1]))
+    reach = (r + load_segment(work, a, b, halves, 0)) * ROUNDING
+    counters[_STACK] = 0
+    top = 1
+    while top > 0:
+        top -= 1
+        node = counters[_STACK + top]
+        if np.sqrt(_box_distance2(boxes, node, work)) > reach:
+            continue
+        if nodes[node, _AXIS] >= 0:
+            counters[_STACK + top] = nodes[node, _RIGHT]
+            counters[_STACK + top + 1] = nodes[node, _LEFT]
+            top += 2
+            continue
+        for s in range(nodes[node, _COUNT]):
+            i: int = nodes[node, _BUCKET + s]
+            if np.sqrt(segment_distance2(points, i, work, halves, 0)) <= r:
+                return i
+    return -1
 
 
 @njit(cache=True)
@@ -410,8 +547,8 @@ def _insert_many(state: State, Q: Floats) -> int:
     for row in range(Q.shape[0]):
         status: int = insert(state, Q[row])
         if status < 0:
-            return int(status)
-    return Q.shape[0]
+            return status
+    return len(Q)
 
 
 @njit(cache=True)
@@ -599,6 +736,17 @@ class GrowingIndex:
         if np.isnan(r):
             raise InvalidInputError(f"expected a radius, got {r}")
         return within(self.state, row, float(r))
+
+    def near_segment(self, a: ArrayLike, b: ArrayLike, r: float) -> int:
+        """Return a configuration within `r` of the straight short way from `a` to `b`, or -1 if none is.
+
+        Raises:
+            InvalidInputError: wrong shape, ends that are not finite, or a NaN radius.
+        """
+        ends = self._queries(np.stack([np.asarray(a, dtype=np.float64), np.asarray(b, dtype=np.float64)]))
+        if np.isnan(r):
+            raise InvalidInputError(f"expected a radius, got {r}")
+        return int(near_segment(self.state, ends[0], ends[1], float(r)))
 
     def nearest_many(self, Q: ArrayLike) -> tuple[Ints, Floats]:
         """Return indices (n,) and distances (n,) of the nearest configuration of each row of Q (n, d).
