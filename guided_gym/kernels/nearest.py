@@ -6,7 +6,8 @@ only guides insertion and ties may lie on both sides. A subtree that grows lopsi
 rebuilt, which bounds the depth and keeps the amortised cost of an insertion logarithmic.
 
 Distances are `sqrt(sum_i (w_i * wrap(delta_i))^2)`. Rounding is monotone in every step of it, for points and
-for boxes alike, so pruning never loses a neighbour, not even one that ties in the last bit.
+for boxes alike, so pruning never loses a neighbour, not even one that ties in the last bit. The order is that
+of the squares, ties by index.
 
 Fused kernels take `GrowingIndex.state` and call `insert`, `nearest`, `k_nearest` and `within` themselves.
 `insert` returns `FULL` and changes nothing when no row is left: the kernel must then return to Python, which
