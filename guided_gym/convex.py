@@ -10,9 +10,13 @@ import shapely
 
 FloatArray = npt.NDArray[np.float64]
 Vertex = tuple[float, float]
+Diagonal = tuple[Vertex, Vertex, int, int]
 
 _COLLINEAR = 1e-13
 """Sine below which three vertices count as collinear: a sagitta far below every collision tolerance."""
+
+_MANY_DIAGONALS = 16
+"""Beyond this many diagonals, fewer orders of dropping them are tried."""
 
 
 def convex_pieces(shape: shapely.Geometry) -> list[FloatArray]:
@@ -56,7 +60,16 @@ def _triangles(polygon: shapely.Polygon) -> list[list[Vertex]]:
 
 
 def _merge_triangles(triangles: list[list[Vertex]]) -> list[list[Vertex]]:
-    """Hertel-Mehlhorn: drop each diagonal, longest first, whose removal leaves a convex piece."""
+    """The fewest convex pieces that dropping diagonals in one of several orders leaves."""
+    diagonals = _diagonals(triangles)
+    orders = [diagonals, diagonals[::-1]]
+    if len(diagonals) <= _MANY_DIAGONALS:
+        orders += [diagonals[i:] + diagonals[:i] for i in range(1, len(diagonals))]
+    return min((_dropped(triangles, order) for order in orders), key=len)
+
+
+def _dropped(triangles: list[list[Vertex]], diagonals: list[Diagonal]) -> list[list[Vertex]]:
+    """Hertel-Mehlhorn: drop each diagonal in turn whose removal leaves a convex piece."""
     pieces: dict[int, list[Vertex]] = dict(enumerate(triangles))
     owner = list(range(len(triangles)))
 
@@ -66,7 +79,7 @@ def _merge_triangles(triangles: list[list[Vertex]]) -> list[list[Vertex]]:
             i = owner[i]
         return i
 
-    for start, end, left, right in _diagonals(triangles):
+    for start, end, left, right in diagonals:
         i, j = find(left), find(right)
         if i == j:
             continue
@@ -78,7 +91,7 @@ def _merge_triangles(triangles: list[list[Vertex]]) -> list[list[Vertex]]:
     return [_without_collinear(piece) for piece in pieces.values()]
 
 
-def _diagonals(triangles: list[list[Vertex]]) -> list[tuple[Vertex, Vertex, int, int]]:
+def _diagonals(triangles: list[list[Vertex]]) -> list[Diagonal]:
     """Shared edges as (start, end, triangle with it, triangle with its reverse), longest first."""
     edges = {(t[k], t[(k + 1) % 3]): i for i, t in enumerate(triangles) for k in range(3)}
     shared = [

@@ -117,7 +117,7 @@ class ConfigurationSpace:
 
     def wrap(self, q: Configurations) -> FloatArray:
         """A copy of q with the angle in [-pi, pi)."""
-        wrapped = np.array(q, dtype=np.float64)
+        wrapped = self._many(q).copy()
         if self.dimension == 3:
             angle = wrapped[..., 2]
             turned = angle - 2.0 * math.pi * np.floor((angle + math.pi) / (2.0 * math.pi))
@@ -134,7 +134,7 @@ class ConfigurationSpace:
     def valid(self, q: Configurations) -> BoolArray | bool:
         """Whether configurations are collision-free and within bounds: (n, d) -> (n,), one (d,) -> bool.
 
-        Non-finite configurations are not valid.
+        Non-finite configurations (and angles beyond 1e4) are not valid.
         """
         if np.ndim(q) == 1:
             return bool(collision.pose_free(self._one(q), self.geometry))

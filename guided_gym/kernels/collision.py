@@ -38,6 +38,7 @@ ROW = 4
 
 _MAX_STEPS = 200
 _MAX_COORDINATE = 1e12
+_MAX_ANGLE = 1e4
 
 
 @njit(cache=True)
@@ -85,7 +86,7 @@ def _separated(
 @njit(cache=True)
 def _pose_free(numbers: FloatArray, index: IntArray, x: float, y: float, theta: float) -> bool:
     # NaN and infinity fail this comparison, whatever the culling below makes of them.
-    if not (abs(x) < _MAX_COORDINATE and abs(y) < _MAX_COORDINATE and abs(theta) < _MAX_COORDINATE):
+    if not (abs(x) < _MAX_COORDINATE and abs(y) < _MAX_COORDINATE and abs(theta) < _MAX_ANGLE):
         return False
     reach = numbers[2] + numbers[1]
     n_robot, n_obstacle, box = index[0], index[1], index[2]
@@ -113,7 +114,7 @@ def _pose_free(numbers: FloatArray, index: IntArray, x: float, y: float, theta: 
 
 @njit(cache=True)
 def pose_free(q: FloatArray, geometry: Geometry) -> bool:
-    """Whether the pose q, (x, y) or (x, y, theta), is free. Non-finite poses are not."""
+    """Whether the pose q, (x, y) or (x, y, theta), is free (not if non-finite or turned by over 1e4)."""
     return _pose_free(geometry[0], geometry[1], q[0], q[1], q[2] if q.shape[0] > 2 else 0.0)
 
 
@@ -284,8 +285,7 @@ def _motion_fraction(
     """Certified part of the motion by (dx, dy, w) from a pose; with `whole`, 0 unless it is all of it."""
     if dx == 0.0 and dy == 0.0 and w == 0.0:
         return 1.0 if _pose_free(numbers, index, x, y, theta) else 0.0
-    size = abs(x) + abs(y) + abs(theta) + abs(dx) + abs(dy) + abs(w)
-    if not size < _MAX_COORDINATE:
+    if not (abs(x) + abs(y) + abs(dx) + abs(dy) < _MAX_COORDINATE and abs(theta) + abs(w) < _MAX_ANGLE):
         return 0.0
     reach = (
         numbers[2] + 2.0 * numbers[1]
@@ -319,6 +319,8 @@ def _turn(a: FloatArray, b: FloatArray) -> float:
     turn = b[2] - a[2]
     if abs(turn) <= math.pi:
         return turn
+    if not abs(turn) < _MAX_ANGLE:
+        return np.nan  # rounding of such angles could hide a collision; the motion is refused
     return turn - 2.0 * math.pi * np.rint(turn / (2.0 * math.pi))
 
 
