@@ -185,8 +185,8 @@ def _widest_axis(boxes: Floats, node: int, work: Floats) -> int:
 
 
 @njit(cache=True)
-def _build(state: State, root: int, ids: NDArray[np.int32], split_once: bool) -> None:
-    """Make `root` (cleared) the subtree over `ids`; `split_once` splits a full leaf in two."""
+def _build(state: State, root: int, ids: NDArray[np.int32]) -> None:
+    """Make `root` (cleared) the subtree over `ids`."""
     points, nodes, boxes, work, counters = state
     d = points.shape[1]
     pending = np.empty((STACK_SIZE, 3), np.int64)
@@ -197,7 +197,7 @@ def _build(state: State, root: int, ids: NDArray[np.int32], split_once: bool) ->
         node, start, stop = pending[top, 0], pending[top, 1], pending[top, 2]
         for s in range(start, stop):
             _include(points, nodes, boxes, node, ids[s])
-        if stop - start <= LEAF_SIZE and not (split_once and node == root):
+        if stop - start <= LEAF_SIZE:
             for s in range(start, stop):
                 nodes[node, _BUCKET + s - start] = ids[s]
             continue
@@ -205,21 +205,22 @@ def _build(state: State, root: int, ids: NDArray[np.int32], split_once: bool) ->
         middle = _select_middle(points, ids, start, stop, axis)
         nodes[node, _AXIS] = axis
         boxes[node, 2 * d] = points[ids[middle], axis]
-        left = _new_node(nodes, boxes, counters)
-        right = _new_node(nodes, boxes, counters)
-        nodes[node, _LEFT], nodes[node, _RIGHT] = left, right
-        pending[top, 0], pending[top, 1], pending[top, 2] = right, middle, stop
-        top += 1
-        pending[top, 0], pending[top, 1], pending[top, 2] = left, start, middle
-        top += 1
+        for side in range(2):
+            child = _new_node(nodes, boxes, counters)
+            nodes[node, _LEFT + side] = child
+            pending[top, 0] = child
+            pending[top, 1] = middle if side else start
+            pending[top, 2] = stop if side else middle
+            top += 1
 
 
 @njit(cache=True)
-def _dissolve(state: State, root: int) -> NDArray[np.int32]:
-    """Free every node under `root`, clear `root` itself, and return the ids that it held."""
+def _dissolve(state: State, root: int, extra: int) -> NDArray[np.int32]:
+    """Free every node under `root`, clear `root` itself, and return the ids that it held, and `extra`."""
     _, nodes, boxes, _, counters = state
-    ids = np.empty(nodes[root, _COUNT], np.int32)
-    found = 0
+    ids = np.empty(nodes[root, _COUNT] + 1, np.int32)
+    ids[0] = extra
+    found = 1
     counters[_STACK] = root
     top = 1
     while top > 0:
@@ -237,12 +238,7 @@ def _dissolve(state: State, root: int) -> NDArray[np.int32]:
             nodes[node, _LEFT] = counters[_FREE]
             counters[_FREE] = node
     _clear_node(nodes, boxes, root)
-    return ids
-
-
-@njit(cache=True)
-def _rebuild(state: State, node: int, split_once: bool) -> None:
-    _build(state, node, _dissolve(state, node), split_once)
+    return ids[:found]
 
 
 @njit(cache=True)
@@ -276,21 +272,20 @@ def insert(state: State, q: Floats) -> int:
         points[i, j] = _wrapped(q[j], work[d + j])
     counters[_POINTS] = i + 1
     node, lopsided = 0, _NONE
-    while True:
-        if nodes[node, _AXIS] < 0:
-            if nodes[node, _COUNT] < LEAF_SIZE:
-                nodes[node, _BUCKET + nodes[node, _COUNT]] = i
-                _include(points, nodes, boxes, node, i)
-                break
-            _rebuild(state, node, True)
+    while nodes[node, _AXIS] >= 0:
         _include(points, nodes, boxes, node, i)
         child = _child_for(state, node, i)
         count = nodes[node, _COUNT]
         if lopsided < 0 and count > MIN_REBUILD and nodes[child, _COUNT] + 1 > MAX_SHARE * count:
             lopsided = node
         node = child
-    if lopsided >= 0:
-        _rebuild(state, lopsided, False)
+    if lopsided < 0 and nodes[node, _COUNT] < LEAF_SIZE:
+        nodes[node, _BUCKET + nodes[node, _COUNT]] = i
+        _include(points, nodes, boxes, node, i)
+    else:
+        if lopsided >= 0:
+            node = lopsided
+        _build(state, node, _dissolve(state, node, i))
     return i
 
 

@@ -143,9 +143,8 @@ def _settle(graph: Adjacency, tree: Tree, scratch: Scratch, size: int) -> None:
             _sift_up(heap, place, distance, place[v])
 
 
-@njit(cache=True)
 def solve(graph: Adjacency, tree: Tree, scratch: Scratch, source: int) -> None:
-    """Compute `distance` and `parent` from scratch."""
+    """Compute `distance`, `parent` and `parent_edge` from scratch."""
     _, distance, parent, parent_edge = tree
     place, heap, _, _ = scratch
     distance[:] = np.inf
@@ -260,20 +259,8 @@ def raise_weights(
     count = 0
     for s in range(edge_ids.shape[0]):
         count = _raise(ends, tree, scratch, edge_ids[s], new_weights[s], count)
-    return _repair(graph, tree, scratch, count)
-
-
-@njit(cache=True)
-def remove_vertices(graph: Adjacency, ends: Int32s, tree: Tree, scratch: Scratch, vertices: Ints) -> int:
-    """Delete every edge at the vertices (k,) and repair; returns as `raise_weights` does."""
-    indptr, _, edge_of = graph
-    for v in vertices:
-        if not 0 <= v < indptr.shape[0] - 1:
-            return BAD_ID
-    count = 0
-    for v in vertices:
-        for a in range(indptr[v], indptr[v + 1]):
-            count = _raise(ends, tree, scratch, edge_of[a], np.inf, count)
+    if count == 0:
+        return 0
     return _repair(graph, tree, scratch, count)
 
 
@@ -465,12 +452,12 @@ class ShortestPathTree:
             InvalidInputError: an unknown vertex (then nothing is changed).
         """
         vertices = _ids(ids)
-        status = remove_vertices(self._graph, self._ends, self._tree, self._scratch, vertices)
-        if status == BAD_ID:
-            n = len(self._tree[1])
+        indptr, _, edge_of = self._graph
+        n = len(indptr) - 1
+        if vertices.size and not (vertices.min() >= 0 and vertices.max() < n):
             raise InvalidInputError(f"expected vertices in 0..{n - 1}, got {vertices.tolist()}")
-        self._changed = status
-        return status
+        edges = [edge_of[indptr[v] : indptr[v + 1]] for v in vertices]
+        return self.remove_edges(np.concatenate(edges) if edges else vertices)
 
     def path(self, v: int) -> Int32s:
         """Return the vertices from `v` to the source, both included; empty if there is no way.
