@@ -1,0 +1,269 @@
+"""The command line ``guided-gym``. Commands import what they need when they run: help has to be quick."""
+
+from __future__ import annotations
+
+import contextlib
+import sys
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+from guided_gym.errors import GuidedGymError
+
+if TYPE_CHECKING:
+    from rich.console import Console
+
+    from guided_gym.train.results import Results
+    from guided_gym.train.specs import EvaluationSettings
+
+EXIT_ERROR = 2
+EXIT_INTERRUPTED = 130
+
+app = typer.Typer(
+    name="guided-gym",
+    help="Guided motion planning: evaluate guiding spaces, reproduce the paper, build path databases.",
+    no_args_is_help=True,
+    pretty_exceptions_enable=False,
+    add_completion=False,
+)
+database_app = typer.Typer(help="Build and inspect databases of solved paths.", no_args_is_help=True)
+app.add_typer(database_app, name="database")
+
+Workers = Annotated[int, typer.Option(help="Processes that search.")]
+Seeds = Annotated[int, typer.Option(help="Searches per environment and guidance, seeds counted from 0.")]
+Figures = Annotated[bool, typer.Option("--figures/--no-figures", help="Draw figures.")]
+Imports = Annotated[
+    list[str] | None,
+    typer.Option("--import", help="Module that registers environments or guidances; may be repeated."),
+]
+
+
+def main() -> None:
+    """Entry point: errors of ours become one line and exit code 2, Ctrl-C exit code 130."""
+    try:
+        app(standalone_mode=True)
+    except GuidedGymError as error:
+        print(f"guided-gym: error: {error}", file=sys.stderr)
+        sys.exit(EXIT_ERROR)
+    except KeyboardInterrupt:
+        print("guided-gym: interrupted", file=sys.stderr)
+        sys.exit(EXIT_INTERRUPTED)
+
+
+def _print_version(wanted: bool) -> None:
+    if wanted:
+        from guided_gym.train.specs import package_version
+
+        print(f"guided-gym {package_version()}")
+        raise typer.Exit
+
+
+@app.callback()
+def _root(
+    version: Annotated[
+        bool, typer.Option("--version", callback=_print_version, is_eager=True, help="Print the version.")
+    ] = False,
+) -> None:
+    pass
+
+
+@app.command("list")
+def list_names() -> None:
+    """Name the environments, guidances and robots that there are."""
+    from guided_gym.train.overview import overview
+
+    console = _console()
+    for title, rows in overview().items():
+        console.print(_names_table(title, rows))
+
+
+@app.command()
+def evaluate(
+    env: Annotated[str, typer.Option(help="Environments, separated by commas (see `guided-gym list`).")],
+    guidance: Annotated[
+        str,
+        typer.Option(help="Guidances, separated by commas; options as name@option=value, hybrids as a+b."),
+    ] = "rrt,lazy_prm,medial_axis,hybrid",
+    seeds: Seeds = 128,
+    workers: Workers = 2,
+    out: Annotated[Path | None, typer.Option(help="Folder for results; results/ENV by default.")] = None,
+    max_samples: Annotated[int, typer.Option(help="Samples after which a search gives up.")] = 1000,
+    step: Annotated[
+        float | None, typer.Option(help="Radius of an expansion; 5 % of the workspace's diagonal by default.")
+    ] = None,
+    candidates: Annotated[int, typer.Option(help="Candidates that a guided expansion looks at.")] = 16,
+    expansion: Annotated[
+        str | None, typer.Option(help="Who proposes expansions: uniform or a guidance; itself by default.")
+    ] = None,
+    epsilon: Annotated[float, typer.Option(help="Least probability of a node under the target.")] = 1e-4,
+    delta: Annotated[float, typer.Option(help="Temperature of the suboptimality.")] = 0.1,
+    tau: Annotated[float, typer.Option(help="Temperature of the work remaining.")] = 0.1,
+    database: Annotated[Path | None, typer.Option(help="Path database for path_database.")] = None,
+    figures: Figures = True,
+    imports: Imports = None,
+) -> None:
+    """Evaluate guidances on environments: a table, a results file and figures. Call it again to resume."""
+    from guided_gym.efficiency import TargetParameters
+    from guided_gym.train.evaluation import evaluate as run
+    from guided_gym.train.specs import EvaluationSettings
+
+    settings = EvaluationSettings(
+        max_samples, expansion, step, candidates, target=TargetParameters(delta, tau, epsilon)
+    )
+    names, guidances = _words(env), _words(guidance)
+    folder = out or Path("results") / "+".join(names)
+    with _progress(f"Evaluating on {', '.join(names)}", folder) as progress:
+        results = run(
+            names, guidances, seeds=seeds, workers=workers, out=folder, settings=settings,
+            database=database, imports=imports or (), progress=progress,
+        )  # fmt: skip
+    _report(results, folder, figures, names, guidances, settings, database)
+
+
+@app.command()
+def reproduce(
+    seeds: Seeds = 128,
+    workers: Workers = 2,
+    out: Annotated[Path, typer.Option(help="Folder for results, figures and tables.")] = Path(
+        "results/paper"
+    ),
+    figures: Figures = True,
+    baselines: Annotated[
+        bool, typer.Option(help="Evaluate goal_distance and uninformed on every problem too.")
+    ] = False,
+) -> None:
+    """Run the paper's experiments, draw its figures and check its claims. Call it again to resume."""
+    from guided_gym.train.reproduction import reproduce as run
+    from guided_gym.train.reproduction import save_report
+
+    with _progress("Reproducing the paper", out) as progress:
+        report = run(seeds=seeds, workers=workers, out=out, baselines=baselines, progress=progress)
+    written = save_report(report, out, figures=figures)
+    console = _console()
+    for table in report.tables():
+        console.print(table)
+    _name_files(console, out, written)
+
+
+@database_app.command("build")
+def database_build(
+    env: Annotated[str, typer.Argument(help="Environment whose problems are solved.")],
+    paths: Annotated[int, typer.Option(help="Paths that the database is to hold.")],
+    workers: Workers = 2,
+    out: Annotated[Path | None, typer.Option(help="The file; databases/ENV.sqlite by default.")] = None,
+    seed: Annotated[int, typer.Option(help="Seed of the first problem.")] = 1_000_000,
+    imports: Imports = None,
+) -> None:
+    """Solve problems of an environment and keep their paths. Call it again to resume, or for more paths."""
+    from guided_gym.train.paths import build_path_database
+    from guided_gym.train.specs import import_modules
+
+    import_modules(imports or ())
+    file = out or Path("databases") / f"{env}.sqlite"
+    with _progress(f"Solving {env}", file) as progress:
+        report = build_path_database(
+            env, file, paths, workers=workers, offset=seed, imports=tuple(imports or ()), progress=progress
+        )
+    print(f"{file}: {report.paths} paths ({report.solved} new, {report.unsolved} problems not solved)")
+
+
+@database_app.command("info")
+def database_info(file: Annotated[Path, typer.Argument(help="A path database.")]) -> None:
+    """Say what a path database holds."""
+    from guided_gym.train.overview import database_rows
+
+    _console().print(_names_table(str(file), database_rows(file)))
+
+
+@app.command()
+def doctor() -> None:
+    """Print versions and folders, for a bug report."""
+    from guided_gym.train.overview import doctor_rows
+
+    for title, rows in doctor_rows().items():
+        _console().print(_names_table(title, rows))
+
+
+def _words(text: str) -> list[str]:
+    return [word for word in (part.strip() for part in text.split(",")) if word]
+
+
+def _console(stderr: bool = False) -> Console:
+    from rich.console import Console
+
+    console = Console(stderr=stderr, highlight=False)
+    if not console.is_terminal:
+        console = Console(stderr=stderr, highlight=False, width=120)  # nobody's window is too narrow
+    return console
+
+
+def _names_table(title: str, rows: list[tuple[str, str]]) -> Any:
+    from rich.table import Table
+
+    table = Table(title=title, title_justify="left", show_header=False, box=None, padding=(0, 2, 0, 0))
+    table.add_column(no_wrap=True, style="bold")
+    table.add_column(overflow="fold")
+    for name, text in rows:
+        table.add_row(name, text)
+    return table
+
+
+@contextlib.contextmanager
+def _progress(title: str, place: Path) -> Iterator[Callable[..., None]]:
+    """A progress bar on stderr; after Ctrl-C, what is done and how to go on."""
+    from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
+
+    columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeRemainingColumn())
+    state = {"done": 0, "total": 0}
+    try:
+        with Progress(*columns, console=_console(stderr=True)) as bars:
+            task = bars.add_task(title, total=None)
+
+            def update(done: int, total: int, what: str = title) -> None:
+                state.update(done=done, total=total)
+                bars.update(task, completed=done, total=total, description=what)
+
+            yield update
+    except KeyboardInterrupt:
+        done = f"{state['done']} of {state['total']} are kept in {place}"
+        print(f"guided-gym: interrupted; {done}. The same command goes on from there.", file=sys.stderr)
+        sys.exit(EXIT_INTERRUPTED)
+
+
+def _report(
+    results: Results,
+    folder: Path,
+    figures: bool,
+    names: list[str],
+    guidances: list[str],
+    settings: EvaluationSettings,
+    database: Path | None,
+) -> None:
+    """Print the table and write it, then draw the figures."""
+    from guided_gym.train.evaluation import Plan, as_specs
+    from guided_gym.train.results import RESULTS_FILE
+    from guided_gym.train.table import rich_tables, save, summarise
+
+    console = _console()
+    rows = summarise(results)
+    for table in rich_tables(rows):
+        console.print(table)
+    written = [folder / RESULTS_FILE, *save(rows, folder)]
+    if figures:
+        from guided_gym.train.drawing import draw_evaluation
+
+        specs = as_specs(guidances, database)
+        plans = [Plan(name, spec, settings) for name in names for spec in specs]
+        written += draw_evaluation(results, plans, folder / "figures")
+    _name_files(console, folder, written)
+
+
+def _name_files(console: Console, folder: Path, written: list[Path]) -> None:
+    names = [str(path.relative_to(folder)) for path in written]
+    console.print(f"\nIn {folder}: {', '.join(names)}")
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,308 @@
+"""Evaluation: searches over seeds, resumable, on several processes (paper, Experiments)."""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from dataclasses import dataclass, field
+from functools import partial
+from pathlib import Path
+
+import numpy as np
+import shapely
+from numpy.typing import NDArray
+
+from guided_gym.errors import InvalidInputError, StorageError
+from guided_gym.problems import Problem
+from guided_gym.search import SearchResult, guided_search
+from guided_gym.train.results import Results, ResultsFile, Run
+from guided_gym.train.specs import (
+    DATABASE_GUIDANCE,
+    EvaluationSettings,
+    GuidanceSpec,
+    fingerprint,
+    import_modules,
+    made,
+    problem_of,
+    settings_content,
+)
+from guided_gym.train.workers import map_tasks
+
+ELSEWHERE = "elsewhere"  # the region of nodes that lie in no region of their problem
+
+Progress = Callable[[int, int], None]
+"""Called with (runs done, runs asked for) at the start and after each batch."""
+
+_RUNS_PER_BATCH = 8  # what a kill loses at most, per worker
+_WARM_UP_SAMPLES = 50
+
+
+@dataclass(frozen=True)
+class Plan:
+    """One group of runs: an environment and a guidance under some settings.
+
+    Attributes:
+        environment: Name of a problem or distribution of the catalogue.
+        spec: The guidance.
+        settings: Everything else.
+    """
+
+    environment: str
+    spec: GuidanceSpec
+    settings: EvaluationSettings = field(default_factory=EvaluationSettings)
+
+
+@dataclass(frozen=True)
+class _Group:
+    """A plan with the fingerprint that its rows carry."""
+
+    plan: Plan
+    fingerprint: str
+
+
+_Task = tuple[_Group, int]  # one run: a group and a seed
+
+
+def evaluate(
+    environments: str | Sequence[str],
+    guidances: str | GuidanceSpec | Sequence[str | GuidanceSpec],
+    *,
+    seeds: int | Iterable[int] = 128,
+    workers: int = 1,
+    out: str | Path | None = None,
+    settings: EvaluationSettings | None = None,
+    database: str | Path | None = None,
+    imports: Sequence[str] = (),
+    progress: Progress | None = None,
+) -> Results:
+    """Run guided searches over seeds and collect their figures.
+
+    Runs that the results file of ``out`` holds already, for the same code and settings, are not computed
+    again: a call continues where the last one stopped, after Ctrl-C as after a kill.
+
+    With several workers, a script must call this under ``if __name__ == "__main__":``, because its processes
+    are spawned.
+
+    Args:
+        environments: Names from the catalogue.
+        guidances: Names (with options, see `GuidanceSpec.parse`) or specs.
+        seeds: How many, counted from 0, or which. Seed k poses the problem of ``env.reset(seed=k)``.
+        workers: Processes.
+        out: Folder of the results file; None keeps nothing.
+        settings: Limits, expansion and metric.
+        database: Path database for the guidances that need one and name none.
+        imports: Modules to import first, here and in the workers; they register names of your own.
+        progress: Called with (runs done, runs asked for).
+
+    Returns:
+        The results of exactly what was asked for.
+
+    Raises:
+        UnknownNameError: No environment, guidance or option of that name.
+        InvalidInputError: A seed, a setting or a number of workers is out of range.
+        StorageError: The results file or database is corrupt, foreign or not accessible.
+        NoPathError: A problem has no path.
+    """
+    import_modules(imports)
+    names = [environments] if isinstance(environments, str) else list(environments)
+    specs = as_specs(guidances, database)
+    settings = settings or EvaluationSettings()
+    plans = [Plan(name, spec, settings) for name in names for spec in specs]
+    return run_plans(plans, seeds=seeds, workers=workers, out=out, imports=imports, progress=progress)
+
+
+def run_plans(
+    plans: Sequence[Plan],
+    *,
+    seeds: int | Iterable[int],
+    workers: int = 1,
+    out: str | Path | None = None,
+    imports: Sequence[str] = (),
+    progress: Progress | None = None,
+) -> Results:
+    """`evaluate` for any list of (environment, guidance, settings); same arguments, same errors."""
+    wanted = _checked_seeds(seeds)
+    if not plans or not wanted:
+        raise InvalidInputError("expected at least one environment, one guidance and one seed, got none")
+    check_plans(plans)
+    groups = [_Group(plan, fingerprint(_content(plan))) for plan in plans]
+    with ResultsFile.in_folder(None if out is None else Path(out)) as file:
+        for group in groups:
+            file.describe(group.fingerprint, _content(group.plan))
+        batches, missing = _batches(groups, wanted, file)
+        done, total = len(groups) * len(wanted) - missing, len(groups) * len(wanted)
+        if progress is not None:
+            progress(done, total)
+        prepare = partial(import_modules, tuple(imports))
+        for runs in map_tasks(_run_batch, batches, workers if missing else 1, prepare):
+            file.add(runs)
+            done += len(runs)
+            if progress is not None:
+                progress(done, total)
+        stored = [_stored(file, group, wanted) for group in groups]
+    return Results(
+        tuple(itertools.chain.from_iterable(stored)), max(plan.settings.max_samples for plan in plans)
+    )
+
+
+def as_specs(
+    guidances: str | GuidanceSpec | Sequence[str | GuidanceSpec], database: str | Path | None = None
+) -> list[GuidanceSpec]:
+    """Guidance specs from names or specs; a database fills in where a guidance needs one.
+
+    Raises:
+        StorageError: There is no such database.
+    """
+    if isinstance(guidances, str | GuidanceSpec):
+        guidances = [guidances]
+    specs = [GuidanceSpec.parse(item) if isinstance(item, str) else item for item in guidances]
+    if database is not None and not Path(database).is_file():
+        raise StorageError(f"expected a path database at {database}, but there is no such file")
+    if database is not None:
+        specs = [
+            spec.with_default("database", str(database)) if spec.name == DATABASE_GUIDANCE else spec
+            for spec in specs
+        ]
+    return list(dict.fromkeys(specs))
+
+
+def check_plans(plans: Sequence[Plan]) -> None:
+    """Refuse what can't work before anything is started.
+
+    Raises:
+        GuidedGymError: Of the kind that says what is wrong: an unknown name, a bad option, no database.
+    """
+    from guided_gym.envs.catalogue import make_distribution
+    from guided_gym.guidance import make_guidance
+
+    for plan in plans:
+        make_distribution(plan.environment)
+        made(plan.spec)
+        if plan.settings.expansion not in (None, "uniform"):
+            make_guidance(plan.settings.expansion)
+    labels = [(plan.environment, plan.spec.label) for plan in plans]
+    if len(set(labels)) < len(labels):
+        raise InvalidInputError(f"expected plans with different labels, got {labels}")
+
+
+def run_once(plan: Plan, seed: int) -> tuple[Problem, SearchResult]:
+    """One measured search of a plan, and the problem that it solved."""
+    from guided_gym.envs.catalogue import make_distribution
+
+    problem = problem_of(make_distribution(plan.environment), seed, plan.settings.goal_tolerance)
+    result = guided_search(
+        problem,
+        made(plan.spec),
+        seed=seed,
+        max_samples=plan.settings.max_samples,
+        expansion=plan.settings.expansion,
+        options=plan.settings.search_options(),
+    )
+    return problem, result
+
+
+def _content(plan: Plan) -> dict[str, object]:
+    return settings_content(plan.environment, plan.spec, plan.settings)
+
+
+def _checked_seeds(seeds: int | Iterable[int]) -> list[int]:
+    wanted = list(range(seeds)) if isinstance(seeds, int) else list(dict.fromkeys(seeds))
+    for seed in wanted:
+        if not isinstance(seed, int | np.integer) or isinstance(seed, bool) or not 0 <= seed < 2**63:
+            raise InvalidInputError(f"seeds: expected integers in [0, 2**63), got {seed!r}")
+    if isinstance(seeds, int) and seeds < 1:
+        raise InvalidInputError(f"seeds: expected at least 1, got {seeds!r}")
+    return [int(seed) for seed in wanted]
+
+
+def _batches(
+    groups: Sequence[_Group], seeds: Sequence[int], file: ResultsFile
+) -> tuple[list[list[_Task]], int]:
+    """What is missing, in batches that share what is dear: a fixed problem's oracle, or a drawn problem's."""
+    from guided_gym.envs.catalogue import make_distribution
+
+    batches: list[list[_Task]] = []
+    drawn: dict[tuple[str, int], list[_Task]] = {}
+    missing = 0
+    for group in groups:
+        environment = group.plan.environment
+        there = file.seeds(environment, group.plan.spec.label, group.fingerprint)
+        tasks = [(group, seed) for seed in seeds if seed not in there]
+        missing += len(tasks)
+        if make_distribution(environment).fixed:
+            batches.extend(list(batch) for batch in _batched(tasks, _RUNS_PER_BATCH))
+        else:
+            for task in tasks:
+                drawn.setdefault((environment, task[1]), []).append(task)
+    return batches + list(drawn.values()), missing
+
+
+def _batched(tasks: Sequence[_Task], size: int) -> Iterator[Sequence[_Task]]:
+    return (tasks[i : i + size] for i in range(0, len(tasks), size))
+
+
+def _stored(file: ResultsFile, group: _Group, seeds: Sequence[int]) -> list[Run]:
+    return file.runs(group.plan.environment, group.plan.spec.label, group.fingerprint, seeds)
+
+
+_warm: set[tuple[str, GuidanceSpec]] = set()
+
+
+def _run_batch(tasks: Sequence[_Task]) -> list[Run]:
+    return [_run(group, seed) for group, seed in tasks]
+
+
+def _run(group: _Group, seed: int) -> Run:
+    plan = group.plan
+    _warm_up(plan, seed)
+    problem, result = run_once(plan, seed)
+    efficiency = result.record.efficiency
+    path_cost = np.nan
+    if result.path is not None:
+        path_cost = float(problem.space.distance(result.path[:-1], result.path[1:]).sum())
+    return Run(
+        environment=plan.environment,
+        guidance=plan.spec.label,
+        seed=seed,
+        settings=group.fingerprint,
+        solved=result.solved,
+        samples=result.samples,
+        nodes=len(result.tree),
+        total_efficiency=result.total_efficiency,
+        best_possible=float(result.record.best.sum()),
+        collision_checks=result.collision_checks,
+        seconds=result.seconds,
+        path_cost=path_cost,
+        optimum=_optimum(problem),
+        regions=region_sums(problem, result),
+        curve=efficiency.astype(np.float32),
+    )
+
+
+def _warm_up(plan: Plan, seed: int) -> None:
+    """Load what numba has compiled, once per process and group, so that no clock runs meanwhile."""
+    if (plan.environment, plan.spec) not in _warm:
+        _warm.add((plan.environment, plan.spec))
+        short = EvaluationSettings(**{**vars(plan.settings), "max_samples": _WARM_UP_SAMPLES})
+        run_once(Plan(plan.environment, plan.spec, short), seed)
+
+
+def _optimum(problem: Problem) -> float:
+    from guided_gym.oracle import oracle_for
+
+    task = problem.task
+    return float(oracle_for(problem.space, task.goal, start=task.start).cost_to_go(task.start))
+
+
+def region_sums(problem: Problem, result: SearchResult) -> dict[str, tuple[float, int]]:
+    """Region of the selected node to (sum of SE, samples); the first region that holds a node counts."""
+    positions = result.tree.configurations[result.record.selected][:, :2]
+    sums: dict[str, tuple[float, int]] = {}
+    left: NDArray[np.bool_] = np.ones(len(positions), bool)
+    for name, region in problem.regions.items():
+        inside = left & shapely.intersects_xy(region, positions[:, 0], positions[:, 1])
+        sums[name] = (float(result.record.efficiency[inside].sum()), int(inside.sum()))
+        left &= ~inside
+    if left.any() or not sums:
+        sums[ELSEWHERE] = (float(result.record.efficiency[left].sum()), int(left.sum()))
+    return sums

@@ -1,0 +1,109 @@
+"""What there is: names with one line each, a database's content, versions and folders."""
+
+from __future__ import annotations
+
+import importlib.metadata
+import os
+import platform
+import sys
+from pathlib import Path
+
+import numpy as np
+
+from guided_gym.database import PathDatabase
+
+Rows = list[tuple[str, str]]
+
+_ROBOTS = ("point", "segment", "rectangle", "polygon")
+_PACKAGES = (
+    "guided-gym", "numpy", "scipy", "shapely", "networkx", "numba", "gymnasium", "pydantic", "matplotlib",
+    "rich", "typer", "pygame", "torch", "stable-baselines3", "sb3-contrib", "ompl",
+)  # fmt: skip
+
+
+def overview() -> dict[str, Rows]:
+    """Title to (name, one line) of the environments, the guidances and the robots."""
+    from guided_gym.envs.catalogue import distribution_names, make_distribution
+    from guided_gym.guidance import guidance_class, guidance_names
+    from guided_gym.robots import Robot
+
+    return {
+        "Environments": [(name, make_distribution(name).summary) for name in distribution_names()],
+        "Guidances": [(name, _first_line(guidance_class(name).__doc__)) for name in guidance_names()],
+        "Robots": [(name, _first_line(getattr(Robot, name).__doc__)) for name in _ROBOTS],
+    }
+
+
+def _first_line(text: str | None) -> str:
+    return (text or "").strip().partition("\n")[0]
+
+
+def database_rows(file: Path) -> Rows:
+    """What a path database holds.
+
+    Raises:
+        StorageError: There is no such file, or it is foreign or damaged.
+    """
+    with PathDatabase.open(file, readonly=True) as database:
+        library, header = database.load(), database.header
+        unsolved = len(database.unsolved_seeds())
+    sizes = np.diff(library.offsets)
+    rows = [
+        ("environment", header.name),
+        ("paths", f"{len(library)}"),
+        ("not solved", f"{unsolved}"),
+        ("dimension", f"{header.dimension}"),
+        ("robot", header.robot),
+        ("weights", ", ".join(f"{weight:g}" for weight in header.weights)),
+    ]
+    if len(library):
+        rows.append(("waypoints a path", f"{sizes.mean():.1f} on average, {sizes.max()} at most"))
+        rows.append(("length of a path", f"{library.lengths.mean():.2f} on average"))
+    rows.append(("size", f"{file.stat().st_size / 1024:.0f} KiB"))
+    return rows
+
+
+def doctor_rows() -> dict[str, Rows]:
+    """Versions and folders, for a bug report."""
+    versions = [(name, _version(name)) for name in _PACKAGES]
+    system = [
+        ("python", f"{sys.version.split()[0]} at {sys.executable}"),
+        ("platform", platform.platform()),
+        ("processors", f"{os.cpu_count()}"),
+        ("display", "yes" if _has_display() else "no: render_mode='human' needs one"),
+    ]
+    return {"System": system, "Packages": versions, "Folders": _folders()}
+
+
+def _version(name: str) -> str:
+    try:
+        return importlib.metadata.version(name)
+    except importlib.metadata.PackageNotFoundError:
+        return "not installed"
+
+
+def _has_display() -> bool:
+    if sys.platform in ("win32", "darwin"):
+        return True
+    return bool(os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY"))
+
+
+def _folders() -> Rows:
+    import guided_gym
+    from guided_gym.oracle import cache_folder
+
+    folder = cache_folder()
+    if folder is None:
+        cache = "switched off by GUIDED_GYM_CACHE=off"
+    else:
+        files = [file for file in folder.rglob("*") if file.is_file()] if folder.is_dir() else []
+        size = sum(file.stat().st_size for file in files) / 2**20
+        nearest = next(place for place in (folder, *folder.parents) if place.exists())
+        state = "writable" if os.access(nearest, os.W_OK) else "NOT writable: works without a cache"
+        cache = f"{folder} ({len(files)} files, {size:.1f} MiB, {state})"
+    package = Path(guided_gym.__file__).parent
+    return [
+        ("package", str(package)),
+        ("oracle cache", cache),
+        ("compiled kernels", os.environ.get("NUMBA_CACHE_DIR") or str(package / "kernels" / "__pycache__")),
+    ]

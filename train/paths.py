@@ -1,0 +1,102 @@
+"""Solving problems for a path database: RRT finds a path, shortcuts straighten it."""
+
+from __future__ import annotations
+
+from functools import partial
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from guided_gym.database import DatabaseHeader
+from guided_gym.database_build import BuildReport, Progress, build_database
+from guided_gym.errors import InvalidInputError, StorageError
+from guided_gym.space import ConfigurationSpace
+from guided_gym.train.specs import import_modules
+
+SEED_OFFSET = 1_000_000  # a database's problems are others than the ones that evaluation uses
+MAX_SAMPLES = 20_000
+_GOAL_BIAS = 0.05
+_SHORTCUTS = 100  # attempts a path
+
+
+def solve_path(
+    environment: str, offset: int, imports: tuple[str, ...], seed: int
+) -> NDArray[np.float64] | None:
+    """The (n, d) path that solves problem ``offset + seed`` of an environment, or None within the budget."""
+    from guided_gym.envs.catalogue import make_distribution
+    from guided_gym.guidance import make_guidance
+    from guided_gym.search import guided_search
+
+    import_modules(imports)
+    problem = make_distribution(environment).problem(offset + seed)
+    result = guided_search(
+        problem,
+        make_guidance("rrt", goal_bias=_GOAL_BIAS),
+        seed=offset + seed,
+        max_samples=MAX_SAMPLES,
+        measure=False,
+    )
+    if result.path is None:
+        return None
+    return shortcut(problem.space, result.path, np.random.default_rng(offset + seed), _SHORTCUTS)
+
+
+def shortcut(
+    space: ConfigurationSpace, path: NDArray[np.float64], rng: np.random.Generator, attempts: int
+) -> NDArray[np.float64]:
+    """A path that is not longer: waypoints between two that see each other are dropped, over and over.
+
+    Args:
+        space: The configuration space.
+        path: (n, d) a free path.
+        rng: Which two waypoints to look at.
+        attempts: How often to try.
+    """
+    for _ in range(attempts):
+        if len(path) < 3:
+            break
+        first, last = np.sort(rng.choice(len(path), 2, replace=False))
+        if last - first > 1 and space.motion_free(path[first], path[last]):
+            path = np.delete(path, np.s_[first + 1 : last], axis=0)
+    return path
+
+
+def build_path_database(
+    environment: str,
+    path: Path,
+    n_paths: int,
+    *,
+    workers: int = 1,
+    offset: int = SEED_OFFSET,
+    imports: tuple[str, ...] = (),
+    progress: Progress | None = None,
+) -> BuildReport:
+    """Bring a path database of an environment to ``n_paths`` paths; resumable, see `build_database`.
+
+    Args:
+        environment: Name from the catalogue.
+        path: The file; its folder is made if there is none.
+        n_paths: How many paths it is to hold.
+        workers: Processes.
+        offset: Seed of the database's first problem.
+        imports: Modules to import first.
+        progress: Called with (paths stored, n_paths).
+
+    Raises:
+        UnknownNameError: No environment of that name.
+        InvalidInputError: A number is out of range.
+        StorageError: The file is foreign, damaged or cannot be written.
+    """
+    from guided_gym.envs.catalogue import make_distribution
+
+    distribution = make_distribution(environment)
+    if not 0 <= offset < 2**62:
+        raise InvalidInputError(f"seed: expected an integer in [0, 2**62), got {offset!r}")
+    header = DatabaseHeader.for_space(environment, distribution.problem(offset).space)
+    solve = partial(solve_path, environment, offset, imports)
+    try:
+        path.parent.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise StorageError(f"expected a folder for a path database at {path.parent}, got: {error}") from error
+    return build_database(path, header, solve, n_paths, workers=workers, progress=progress)

@@ -1,0 +1,313 @@
+"""Results of searches: one row per (environment, guidance, seed, settings), in one file.
+
+The file is SQLite in WAL mode rather than JSON lines. Both keep what was committed when the process is
+killed; SQLite also leaves no torn last line, takes two writers at once, and refuses a duplicate row.
+"""
+
+from __future__ import annotations
+
+import json
+import math
+import zlib
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from types import TracebackType
+from typing import Any, Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from guided_gym.efficiency import padded
+from guided_gym.errors import InvalidInputError, StorageError
+from guided_gym.sqlite_file import FileFormat, connect, storage_errors, transaction
+
+RESULTS_VERSION = 1  # raise it when a column changes its meaning: older rows are computed anew
+RESULTS_FILE = "results.sqlite"
+
+_FORMAT = FileFormat(
+    name="guided-gym results file",
+    application_id=0x47475253,  # "GGRS"
+    version=RESULTS_VERSION,
+    schema=(
+        # What a settings fingerprint stands for, for people.
+        "CREATE TABLE settings (fingerprint TEXT PRIMARY KEY, content TEXT NOT NULL)",
+        # curve: little-endian float32, SE of each sample. checksum: CRC-32 of the rest of the row.
+        """CREATE TABLE runs (
+            environment TEXT NOT NULL,
+            guidance TEXT NOT NULL,
+            seed INTEGER NOT NULL,
+            settings TEXT NOT NULL,
+            solved INTEGER NOT NULL,
+            samples INTEGER NOT NULL,
+            nodes INTEGER NOT NULL,
+            total_efficiency REAL NOT NULL,
+            best_possible REAL NOT NULL,
+            collision_checks INTEGER NOT NULL,
+            seconds REAL NOT NULL,
+            path_cost REAL,
+            optimum REAL NOT NULL,
+            regions TEXT NOT NULL,
+            curve BLOB NOT NULL,
+            checksum INTEGER NOT NULL,
+            PRIMARY KEY (environment, guidance, seed, settings)
+        ) WITHOUT ROWID""",
+    ),
+)
+
+Key = tuple[str, str]
+"""(environment, guidance) of a group of runs that differ in their seeds only."""
+
+Column = Literal[
+    "solved",
+    "samples",
+    "nodes",
+    "total_efficiency",
+    "efficiency_per_sample",
+    "best_possible",
+    "collision_checks",
+    "seconds",
+    "seconds_per_sample",
+    "path_cost",
+    "optimum",
+]
+
+
+@dataclass(frozen=True)
+class Run:
+    """What one search gave.
+
+    Attributes:
+        environment: Name of the problem or distribution.
+        guidance: Label of the guiding space and its options.
+        seed: Seed of the search, and of the problem where it is drawn.
+        settings: Fingerprint of everything else that the figures depend on.
+        solved: Whether a path was found.
+        samples: Samples drawn; the limit where unsolved.
+        nodes: Nodes of the tree at the end.
+        total_efficiency: Sum of SE over the samples, nats; 0 per sample after the end.
+        best_possible: Sum of -log max Q over the samples: the least that any choices on these trees had.
+        collision_checks: Motions checked.
+        seconds: Wall time of the search, oracle and metric excluded.
+        path_cost: Length of the path found, NaN where unsolved.
+        optimum: d_C(s, t) by the oracle.
+        regions: Region of the selected node to (sum of SE, samples).
+        curve: (samples,) float32 SE of each sample.
+    """
+
+    environment: str
+    guidance: str
+    seed: int
+    settings: str
+    solved: bool
+    samples: int
+    nodes: int
+    total_efficiency: float
+    best_possible: float
+    collision_checks: int
+    seconds: float
+    path_cost: float
+    optimum: float
+    regions: Mapping[str, tuple[float, int]]
+    curve: NDArray[np.float32] = field(repr=False)
+
+    @property
+    def efficiency_per_sample(self) -> float:
+        """Total SE over the samples drawn; 0 if the start saw the goal."""
+        return self.total_efficiency / self.samples if self.samples else 0.0
+
+    @property
+    def seconds_per_sample(self) -> float:
+        """Wall time over the samples drawn; NaN if the start saw the goal."""
+        return self.seconds / self.samples if self.samples else math.nan
+
+
+@dataclass(frozen=True)
+class Results:
+    """The runs of an evaluation, complete unless it was interrupted.
+
+    Attributes:
+        runs: In the order of environments, guidances and seeds that was asked for.
+        max_samples: Limit on the samples of each search.
+    """
+
+    runs: tuple[Run, ...]
+    max_samples: int
+
+    def __len__(self) -> int:
+        return len(self.runs)
+
+    def pairs(self) -> list[Key]:
+        """(environment, guidance) pairs, in order of appearance."""
+        return list(dict.fromkeys((run.environment, run.guidance) for run in self.runs))
+
+    def environments(self) -> list[str]:
+        """Names of the environments, in order of appearance."""
+        return list(dict.fromkeys(run.environment for run in self.runs))
+
+    def guidances(self, environment: str) -> list[str]:
+        """Labels of the guidances evaluated on an environment, in order of appearance."""
+        return [guidance for name, guidance in self.pairs() if name == environment]
+
+    def has(self, environment: str, guidance: str) -> bool:
+        """Whether there is at least one run of the pair."""
+        return (environment, guidance) in self.pairs()
+
+    def group(self, environment: str, guidance: str) -> list[Run]:
+        """The runs of one pair, by seed.
+
+        Raises:
+            InvalidInputError: There is none.
+        """
+        runs = [run for run in self.runs if (run.environment, run.guidance) == (environment, guidance)]
+        if not runs:
+            raise InvalidInputError(f"no results of {guidance!r} on {environment!r}; got {self.pairs()}")
+        return sorted(runs, key=lambda run: run.seed)
+
+    def values(self, environment: str, guidance: str, column: Column) -> NDArray[np.float64]:
+        """(seeds,) one column of one pair, by seed."""
+        return np.array([getattr(run, column) for run in self.group(environment, guidance)], np.float64)
+
+    def curves(self, environment: str, guidance: str) -> NDArray[np.float64]:
+        """(seeds, max_samples) SE of each sample, 0 after the end of a search."""
+        runs = self.group(environment, guidance)
+        return np.stack([padded(run.curve.astype(np.float64), self.max_samples) for run in runs])
+
+    def by_region(self, environment: str, guidance: str) -> dict[str, NDArray[np.float64]]:
+        """Region to (seeds,) sum of SE over the samples whose selected node lies there."""
+        runs = self.group(environment, guidance)
+        names = dict.fromkeys(name for run in runs for name in run.regions)
+        return {
+            name: np.array([run.regions.get(name, (0.0, 0))[0] for run in runs], np.float64) for name in names
+        }
+
+
+class ResultsFile:
+    """The one results file of a folder; any number of processes may write to it at once.
+
+    Args:
+        path: The file, made when there is none; None keeps results in memory only.
+
+    Raises:
+        StorageError: The file is corrupt, foreign, of another version or not writable.
+    """
+
+    def __init__(self, path: Path | None) -> None:
+        self.path = path
+        self._connection = connect(path, _FORMAT)
+
+    @classmethod
+    def in_folder(cls, folder: Path | None) -> ResultsFile:
+        """The results file of an output folder, which is made when there is none; None for memory.
+
+        Raises:
+            StorageError: The folder can't be made, or as above.
+        """
+        if folder is None:
+            return cls(None)
+        try:
+            folder.mkdir(parents=True, exist_ok=True)
+        except OSError as error:
+            raise StorageError(f"expected a folder for results at {folder}, got: {error}") from error
+        return cls(folder / RESULTS_FILE)
+
+    def close(self) -> None:
+        """Close the file; the last process to do so folds the write-ahead log into it."""
+        self._connection.close()
+
+    def __enter__(self) -> ResultsFile:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self.close()
+
+    def describe(self, fingerprint: str, content: Mapping[str, Any]) -> None:
+        """Note what a settings fingerprint stands for."""
+        row = (fingerprint, json.dumps(content, sort_keys=True))
+        with storage_errors(self.path, _FORMAT, "write"), transaction(self._connection) as cursor:
+            cursor.execute("INSERT OR IGNORE INTO settings VALUES (?, ?)", row)
+
+    def add(self, runs: Iterable[Run]) -> None:
+        """Store runs, all of them or, on an error, none; a run that is there already stays as it is.
+
+        Raises:
+            StorageError: The file cannot be written.
+        """
+        rows = [_row(run) for run in runs]
+        marks = ", ".join("?" * len(_COLUMNS))
+        with storage_errors(self.path, _FORMAT, "write"), transaction(self._connection) as cursor:
+            cursor.executemany(f"INSERT OR IGNORE INTO runs ({', '.join(_COLUMNS)}) VALUES ({marks})", rows)
+
+    def seeds(self, environment: str, guidance: str, settings: str) -> set[int]:
+        """Seeds that are there already."""
+        query = "SELECT seed FROM runs WHERE environment = ? AND guidance = ? AND settings = ?"
+        return {seed for (seed,) in self._select(query, (environment, guidance, settings))}
+
+    def runs(self, environment: str, guidance: str, settings: str, seeds: Sequence[int]) -> list[Run]:
+        """Those of the runs that are there, by seed.
+
+        Raises:
+            StorageError: A row is damaged.
+        """
+        query = (
+            f"SELECT {', '.join(_COLUMNS)} FROM runs "
+            "WHERE environment = ? AND guidance = ? AND settings = ? ORDER BY seed"
+        )
+        wanted = set(seeds)
+        rows = self._select(query, (environment, guidance, settings))
+        return [self._run(row) for row in rows if row[2] in wanted]
+
+    def _select(self, query: str, values: tuple[Any, ...]) -> Iterator[tuple[Any, ...]]:
+        with storage_errors(self.path, _FORMAT, "read"):
+            yield from self._connection.execute(query, values).fetchall()
+
+    def _run(self, row: tuple[Any, ...]) -> Run:
+        if _checksum(row[:-1]) != row[-1]:
+            raise StorageError(
+                f"{self.path} is damaged: the run {row[:3]} does not match its checksum; "
+                "delete the file to compute it anew"
+            )
+        values = dict(zip(_COLUMNS[:-1], row[:-1], strict=True))
+        values["solved"] = bool(values["solved"])
+        values["path_cost"] = math.nan if values["path_cost"] is None else values["path_cost"]
+        values["regions"] = {
+            name: (float(total), int(count)) for name, (total, count) in json.loads(values["regions"]).items()
+        }
+        values["curve"] = np.frombuffer(values["curve"], "<f4").astype(np.float32)
+        return Run(**values)
+
+
+_COLUMNS = (
+    "environment",
+    "guidance",
+    "seed",
+    "settings",
+    "solved",
+    "samples",
+    "nodes",
+    "total_efficiency",
+    "best_possible",
+    "collision_checks",
+    "seconds",
+    "path_cost",
+    "optimum",
+    "regions",
+    "curve",
+    "checksum",
+)
+
+
+def _row(run: Run) -> tuple[Any, ...]:
+    values = {name: getattr(run, name) for name in _COLUMNS[:-1]}
+    values["solved"] = int(run.solved)
+    values["path_cost"] = None if math.isnan(run.path_cost) else run.path_cost
+    values["regions"] = json.dumps({name: list(pair) for name, pair in run.regions.items()})
+    values["curve"] = run.curve.astype("<f4").tobytes()
+    row = tuple(values.values())
+    return (*row, _checksum(row))
+
+
+def _checksum(row: Sequence[Any]) -> int:
+    return zlib.crc32(repr(row).encode())
