@@ -2,11 +2,15 @@
 
 from __future__ import annotations
 
+import itertools
+import math
 from collections.abc import Iterable
 
 import numpy as np
 import numpy.typing as npt
 import shapely
+
+from guided_gym.errors import InvalidInputError
 
 FloatArray = npt.NDArray[np.float64]
 Vertex = tuple[float, float]
@@ -14,6 +18,9 @@ Diagonal = tuple[Vertex, Vertex, int, int]
 
 _COLLINEAR = 1e-13
 """Sine below which three vertices count as collinear: a sagitta far below every collision tolerance."""
+
+_LOST_AREA = 1e-9
+"""Part of a polygon's area that rounding may cost its triangulation; more would be a hole in an obstacle."""
 
 _MANY_DIAGONALS = 16
 """Beyond this many diagonals, fewer orders of dropping them are tried."""
@@ -31,6 +38,9 @@ def convex_pieces(shape: shapely.Geometry) -> list[FloatArray]:
 
     Returns:
         Arrays (V, 2): one vertex for a point, two for a segment, counter-clockwise vertices for a polygon.
+
+    Raises:
+        InvalidInputError: The polygon is so nearly degenerate that its triangulation loses area.
     """
     if isinstance(shape, shapely.Point):
         return [np.array([[shape.x, shape.y]])]
@@ -46,7 +56,14 @@ def convex_pieces(shape: shapely.Geometry) -> list[FloatArray]:
         ring = ring if _signed_area(ring) > 0 else ring[::-1]
         if _is_convex(ring):
             return [np.array(ring)]
-    return [np.array(piece) for piece in _merge_triangles(_triangles(shape))]
+    triangles = _triangles(shape)
+    covered = sum(_signed_area(triangle) for triangle in triangles)
+    if not abs(covered - shape.area) <= _LOST_AREA * shape.area:
+        raise InvalidInputError(
+            f"expected a polygon that can be triangulated, got one of area {shape.area:.9g} of which "
+            f"the triangles cover {covered:.9g} (are some of its vertices almost on its edges?)"
+        )
+    return [np.array(piece) for piece in _merge_triangles(triangles)]
 
 
 def _triangles(polygon: shapely.Polygon) -> list[list[Vertex]]:
@@ -113,7 +130,7 @@ def _joined(a: list[Vertex], b: list[Vertex], start: Vertex, end: Vertex) -> lis
 def _corner_sine(p: Vertex, q: Vertex, r: Vertex) -> float:
     """Sine of the left turn at q."""
     ux, uy, vx, vy = q[0] - p[0], q[1] - p[1], r[0] - q[0], r[1] - q[1]
-    lengths = float(np.hypot(ux, uy) * np.hypot(vx, vy))
+    lengths = math.hypot(ux, uy) * math.hypot(vx, vy)
     return (ux * vy - uy * vx) / lengths if lengths > 0 else 0.0
 
 
@@ -131,9 +148,10 @@ def _without_collinear(ring: list[Vertex]) -> list[Vertex]:
 
 
 def _signed_area(ring: list[Vertex]) -> float:
-    points = np.array(ring) - np.array(ring[0])
-    x, y = points[:, 0], points[:, 1]
-    return float(0.5 * np.sum(x * np.roll(y, -1) - y * np.roll(x, -1)))
+    x0, y0 = ring[0]
+    return 0.5 * sum(
+        (p[0] - x0) * (q[1] - y0) - (p[1] - y0) * (q[0] - x0) for p, q in itertools.pairwise(ring[1:])
+    )
 
 
 def pack(

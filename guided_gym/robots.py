@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import cached_property
 
 import numpy as np
@@ -35,7 +35,7 @@ class Robot:
 
     outline: shapely.Point | shapely.LineString | shapely.Polygon
     dimension: int = 3
-    name: str = "robot"
+    name: str = field(default="robot", compare=False)
 
     def __post_init__(self) -> None:
         if self.dimension not in (2, 3):
