@@ -1,0 +1,158 @@
+"""The catalogue of problems: the paper's four problems and its distribution (paper, Experiments).
+
+All of them move a 0.8 x 0.3 rectangle through a 10 x 10 workspace. Each is a `ProblemDistribution`; the
+fixed ones give one problem for every seed.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from functools import cache
+
+import numpy as np
+from shapely.geometry import Polygon, box
+from shapely.geometry.base import BaseGeometry
+
+from guided_gym.environment import Environment
+from guided_gym.errors import UnknownNameError
+from guided_gym.problems import FixedProblem, Problem, ProblemDistribution, SampledProblems, Task
+from guided_gym.robots import Robot
+
+SIZE = 10.0
+ROBOT_LENGTH, ROBOT_WIDTH = 0.8, 0.3
+PASSAGE_WIDTH = 0.8  # the robot fits with 0.25 to spare on either side
+TRAP_WIDTH = 0.2  # a point fits, the robot never does
+
+
+def rectangle_robot() -> Robot:
+    """The paper's rectangular mobile base."""
+    return Robot.rectangle(ROBOT_LENGTH, ROBOT_WIDTH)
+
+
+def wall(x0: float, x1: float, *gaps: tuple[float, float]) -> list[Polygon]:
+    """A wall across the workspace between x0 and x1, open at each (centre, width) of ``gaps``."""
+    pieces, bottom = [], 0.0
+    for centre, width in sorted(gaps):
+        pieces.append(box(x0, bottom, x1, centre - width / 2))
+        bottom = centre + width / 2
+    pieces.append(box(x0, bottom, x1, SIZE))
+    return pieces
+
+
+def cup(x0: float, x1: float, y0: float, y1: float, thickness: float) -> list[Polygon]:
+    """A C-shaped obstacle, open to the left: a dead end for who comes from there."""
+    return [
+        box(x0, y0, x1, y0 + thickness),
+        box(x0, y1 - thickness, x1, y1),
+        box(x1 - thickness, y0 + thickness, x1, y1 - thickness),
+    ]
+
+
+def columns(**edges: float) -> dict[str, BaseGeometry]:
+    """Regions that are columns of the workspace: each name with its right edge, from left to right."""
+    regions, left = {}, 0.0
+    for name, right in edges.items():
+        regions[name] = box(left, 0.0, right, SIZE)
+        left = right
+    return regions
+
+
+def _problem(
+    name: str,
+    obstacles: list[Polygon],
+    start: tuple[float, float, float],
+    goal: tuple[float, float, float],
+    regions: dict[str, BaseGeometry],
+) -> Problem:
+    environment = Environment((0.0, 0.0, SIZE, SIZE), tuple(obstacles))
+    return Problem(rectangle_robot(), environment, Task(start, goal), name, regions)
+
+
+def simple_passage() -> Problem:
+    """Two rooms joined by one narrow passage, on the straight way from start to goal."""
+    obstacles = wall(4.5, 5.5, (5.0, PASSAGE_WIDTH))
+    regions = columns(start_room=4.5, passage=5.5, goal_room=SIZE)
+    return _problem("SimplePassage", obstacles, (1.5, 2.0, 0.0), (8.5, 8.0, 0.0), regions)
+
+
+def cup_problem() -> Problem:
+    """A C-shaped dead end on the straight way: whoever ignores obstacles walks into it."""
+    obstacles = cup(3.5, 7.0, 2.5, 7.5, 0.5)
+    regions: dict[str, BaseGeometry] = {"cup": box(3.5, 2.5, 7.0, 7.5)}
+    regions["around"] = box(0, 0, SIZE, SIZE).difference(regions["cup"])
+    return _problem("Cup", obstacles, (1.5, 5.0, 0.0), (8.5, 5.0, 0.0), regions)
+
+
+def trap() -> Problem:
+    """Two passages: the first, on the straight way, fits a point but never the robot."""
+    obstacles = wall(4.5, 5.5, (5.0, TRAP_WIDTH), (8.5, PASSAGE_WIDTH))
+    regions = columns(trap=4.5, passage=5.5, goal_room=SIZE)
+    return _problem("Trap", obstacles, (1.5, 5.0, 0.0), (8.5, 5.0, 0.0), regions)
+
+
+def trap_cup() -> Problem:
+    """First the trap, then the cup, from centre-left to centre-right.
+
+    The cup hangs from the ceiling: who took the valid passage, at the top, has to come down around it.
+    """
+    obstacles = wall(2.6, 3.4, (5.0, TRAP_WIDTH), (9.0, PASSAGE_WIDTH))
+    obstacles += [*cup(5.4, 8.2, 2.4, 7.6, 0.4), box(7.8, 7.6, 8.2, SIZE)]
+    inside = box(4.4, 2.0, 8.2, SIZE)
+    regions: dict[str, BaseGeometry] = {"trap": box(0, 0, 3.4, SIZE), "cup": inside}
+    regions["beyond"] = box(3.4, 0, SIZE, SIZE).difference(inside)
+    return _problem("TrapCup", obstacles, (1.0, 5.0, 0.0), (9.2, 5.0, 0.0), regions)
+
+
+def random_simple_passage(rng: np.random.Generator) -> Problem:
+    """Two rooms joined by a narrow passage at a random height; start and goal anywhere in their rooms."""
+    gap = rng.uniform(1.0, 9.0)
+    start = (rng.uniform(0.8, 3.6), rng.uniform(0.8, 9.2), rng.uniform(-np.pi, np.pi))
+    goal = (rng.uniform(6.4, 9.2), rng.uniform(0.8, 9.2), rng.uniform(-np.pi, np.pi))
+    obstacles = wall(4.5, 5.5, (gap, PASSAGE_WIDTH))
+    regions = columns(start_room=4.5, passage=5.5, goal_room=SIZE)
+    return _problem("RandomSimplePassage", obstacles, start, goal, regions)
+
+
+def _summary(function: Callable[..., Problem]) -> str:
+    return (function.__doc__ or "").partition("\n")[0]
+
+
+def _fixed(build: Callable[[], Problem]) -> Callable[[], ProblemDistribution]:
+    return lambda: FixedProblem(build(), _summary(build))
+
+
+def _drawn(name: str, draw: Callable[[np.random.Generator], Problem]) -> Callable[[], ProblemDistribution]:
+    return lambda: SampledProblems(name, draw, _summary(draw))
+
+
+# One row per problem or distribution: a new one joins by adding a row, here or by `register_distribution`.
+_CATALOGUE: dict[str, Callable[[], ProblemDistribution]] = {
+    "SimplePassage": _fixed(simple_passage),
+    "Cup": _fixed(cup_problem),
+    "Trap": _fixed(trap),
+    "TrapCup": _fixed(trap_cup),
+    "RandomSimplePassage": _drawn("RandomSimplePassage", random_simple_passage),
+}
+
+
+def register_distribution(name: str, factory: Callable[[], ProblemDistribution]) -> None:
+    """Add a distribution under a name, for `make_distribution`, the command line and `gym.make` options."""
+    _CATALOGUE[name] = factory
+    make_distribution.cache_clear()
+
+
+def distribution_names() -> list[str]:
+    """Names of the catalogue, in order of appearance."""
+    return list(_CATALOGUE)
+
+
+@cache
+def make_distribution(name: str) -> ProblemDistribution:
+    """The distribution of that name.
+
+    Raises:
+        UnknownNameError: No such name; the nearest one is suggested.
+    """
+    if name not in _CATALOGUE:
+        raise UnknownNameError("environment", name, _CATALOGUE)
+    return _CATALOGUE[name]()

@@ -1,0 +1,120 @@
+"""Guiding spaces, by name (paper, Categories of Guidance).
+
+`search_space` holds those that modify nothing, `robot_modification`, `environment_modification` and
+`experience` the paper's three categories, `hybrid` their combinations.
+"""
+
+from __future__ import annotations
+
+import importlib
+import inspect
+from typing import Any
+
+from guided_gym.errors import InvalidInputError, UnknownNameError
+from guided_gym.guidance.base import GuidingSpace
+from guided_gym.guidance.environment_modification import PRM, LazyPRM
+from guided_gym.guidance.experience import PathDatabase
+from guided_gym.guidance.hybrid import Hybrid, SwapAtCollision
+from guided_gym.guidance.robot_modification import MedialAxis
+from guided_gym.guidance.search_space import GoalDistance, OracleGuidance, Uninformed, Voronoi
+
+# One row per guiding space: a new one joins here, or by `register_guidance`.
+_GUIDANCE: dict[str, type[GuidingSpace]] = {
+    cls.name: cls
+    for cls in (
+        Uninformed,
+        GoalDistance,
+        OracleGuidance,
+        Voronoi,
+        PRM,
+        LazyPRM,
+        MedialAxis,
+        PathDatabase,
+        Hybrid,
+    )
+}
+
+
+def register_guidance(cls: type[GuidingSpace]) -> type[GuidingSpace]:
+    """Class decorator: makes a guiding space known under its ``name``, everywhere a name is taken.
+
+    Raises:
+        InvalidInputError: The class has no name, or one that means something in a guidance string.
+    """
+    if not cls.name or set(cls.name) & set("+:, "):
+        raise InvalidInputError(
+            f"{cls.__name__}.name: expected a word without '+', ':', ',' or blanks, got {cls.name!r}"
+        )
+    _GUIDANCE[cls.name] = cls
+    return cls
+
+
+def guidance_names() -> list[str]:
+    """Names of the guiding spaces, in order of appearance."""
+    return list(_GUIDANCE)
+
+
+def guidance_class(name: str) -> type[GuidingSpace]:
+    """The class behind a name, or behind ``"package.module:Class"``.
+
+    Raises:
+        UnknownNameError: No such name; the nearest one is suggested.
+        InvalidInputError: The module or class cannot be imported or is no guiding space.
+    """
+    if ":" in name:
+        module, _, attribute = name.partition(":")
+        try:
+            cls = getattr(importlib.import_module(module), attribute)
+        except (ImportError, AttributeError) as error:
+            raise InvalidInputError(f"guidance {name!r}: {error}") from error
+        if not (isinstance(cls, type) and issubclass(cls, GuidingSpace)):
+            raise InvalidInputError(f"guidance {name!r}: expected a GuidingSpace, got {cls!r}")
+        return cls
+    if name not in _GUIDANCE:
+        raise UnknownNameError("guidance", name, _GUIDANCE)
+    return _GUIDANCE[name]
+
+
+def make_guidance(guidance: GuidingSpace | str, **options: Any) -> GuidingSpace:
+    """A guiding space from its name.
+
+    Args:
+        guidance: A name (`guidance_names`), ``"package.module:Class"``, several joined by ``+`` for a
+            `Hybrid` of them, or a guiding space, which is returned as it is.
+        **options: Passed to the class.
+
+    Raises:
+        UnknownNameError: No such guiding space or option; the nearest one is suggested.
+        InvalidInputError: An option's value cannot be used.
+    """
+    if isinstance(guidance, GuidingSpace):
+        if options:
+            raise InvalidInputError(f"options {sorted(options)} need a name, got the instance {guidance!r}")
+        return guidance
+    if "+" in guidance:
+        return make_guidance("hybrid", guides=guidance.split("+"), **options)
+    cls = guidance_class(guidance)
+    known = list(inspect.signature(cls.__init__).parameters)[1:]
+    for option in options:
+        if option not in known:
+            raise UnknownNameError(f"option of guidance {guidance!r}:", option, known)
+    return cls(**options)
+
+
+__all__ = [
+    "PRM",
+    "GoalDistance",
+    "GuidingSpace",
+    "Hybrid",
+    "LazyPRM",
+    "MedialAxis",
+    "OracleGuidance",
+    "PathDatabase",
+    "SwapAtCollision",
+    "Uninformed",
+    "Voronoi",
+    "guidance_class",
+    "guidance_names",
+    "make_guidance",
+    "register_guidance",
+]

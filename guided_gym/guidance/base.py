@@ -1,0 +1,113 @@
+"""The guiding space S: a projection P_T and a heuristic h, and the distribution they induce over T."""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from typing import TYPE_CHECKING, Any, ClassVar
+
+import numpy as np
+from numpy.typing import NDArray
+
+from guided_gym.errors import InvalidInputError
+
+if TYPE_CHECKING:
+    from guided_gym.search import Expansion, Search
+    from guided_gym.tree import SearchTree
+
+
+class GuidingSpace(ABC):
+    """A guiding space S with its projection P_T : C -> S and heuristic h : S -> R+ (paper, Defining Guided Planning).
+
+    A subclass writes `project` and `heuristic`; selection, proposal and the distribution over the tree
+    follow. It may write `prepare` (once, before a search), `feedback` (after each expansion) and anything
+    that it can do faster.
+
+    Args:
+        temperature: 0 selects argmin h, as in Algorithm 1. A positive temperature, in units of the local
+            planner's step, selects from softmin(h / temperature).
+        failure_penalty: What a failed expansion adds to its node's h, in units of the local planner's
+            step. h is conditioned on T, so that no node fails forever.
+
+    Attributes:
+        name: The name in tables and on the command line.
+    """
+
+    name: ClassVar[str] = ""
+
+    def __init__(self, *, temperature: float = 0.0, failure_penalty: float = 0.1) -> None:
+        for label, value in (("temperature", temperature), ("failure_penalty", failure_penalty)):
+            if not 0 <= value < np.inf:
+                raise InvalidInputError(f"{label}: expected a number >= 0, got {value!r}")
+        self.temperature = temperature
+        self.failure_penalty = failure_penalty
+
+    def reset(self, search: Search) -> None:
+        """Forget the last search and get ready for a new one."""
+        self.search = search
+        self.space, self.goal = search.space, search.goal
+        self.planner, self.rng = search.planner, search.guidance_rng
+        self._known = np.zeros(0)
+        self.prepare()
+
+    def prepare(self) -> None:
+        """Build what this guiding space needs for ``self.search``; nothing by default."""
+
+    @abstractmethod
+    def project(self, tree: SearchTree, q: NDArray[np.float64]) -> NDArray[Any]:
+        """P_T: (n, d) configurations to n states of S."""
+
+    @abstractmethod
+    def heuristic(self, states: NDArray[Any]) -> NDArray[np.float64]:
+        """h: n states of S to (n,) values >= 0; infinite where S gives no guidance."""
+
+    def feedback(self, expansion: Expansion) -> None:
+        """Learn from an expansion; called after the tree has changed. Nothing by default."""
+
+    def forget(self) -> None:
+        """Have h of all nodes computed anew: call it when the projection or the heuristic has changed."""
+        self._known = np.zeros(0)
+
+    def values(self, tree: SearchTree) -> NDArray[np.float64]:
+        """(n,) h(P_T(v)) of each node, the penalty for its failed expansions included."""
+        n, known = len(tree), self._known.size
+        if known < n:
+            fresh = self.heuristic(self.project(tree, tree.configurations[known:]))
+            self._known = np.concatenate([self._known, fresh]) if known else np.array(fresh, np.float64)
+        if self.failure_penalty == 0:
+            return self._known
+        return self._known + (self.failure_penalty * self.planner.step) * tree.failures
+
+    def distribution(self, tree: SearchTree) -> NDArray[np.float64]:
+        """(n,) the distribution P over the nodes from which `select` draws."""
+        h = self.values(tree)
+        lowest = h.min()
+        if not np.isfinite(lowest):
+            return np.full(h.size, 1.0 / h.size)
+        if self.temperature == 0:
+            p = np.zeros(h.size)
+            p[int(np.argmin(h))] = 1.0
+            return p
+        p = np.exp((lowest - h) / (self.temperature * self.planner.step))
+        return p / p.sum()
+
+    def select(self, tree: SearchTree) -> int:
+        """The node to expand: x_min = argmin h(P_T(v)), or a draw from P if there is a temperature.
+
+        Where h is infinite everywhere, S gives no guidance and every node is as good as another.
+        """
+        if self.temperature == 0:
+            h = self.values(tree)
+            node = int(np.argmin(h))
+            return node if np.isfinite(h[node]) else int(self.rng.integers(h.size))
+        return draw(self.distribution(tree), self.rng)
+
+    def propose(self, tree: SearchTree, node: int) -> NDArray[np.float64]:
+        """(d,) x_new: the member of N_C(v) with the least h, among the local planner's candidates."""
+        candidates = self.planner.candidates(tree._configurations[node])
+        return candidates[int(np.argmin(self.heuristic(self.project(tree, candidates))))]
+
+
+def draw(p: NDArray[np.float64], rng: np.random.Generator) -> int:
+    """An index drawn from the probabilities p; never one of probability 0."""
+    cumulative = np.cumsum(p)
+    return int(min(np.searchsorted(cumulative, rng.random() * cumulative[-1], side="right"), p.size - 1))

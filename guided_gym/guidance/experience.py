@@ -1,0 +1,190 @@
+"""Experience-based guidance: paths of solved problems guide the next one (paper, Section 4.3)."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING, ClassVar
+
+import numpy as np
+from numpy.typing import NDArray
+
+from guided_gym.errors import InvalidInputError
+from guided_gym.guidance.roadmap import Anchors, Roadmap, RoadmapGuidance
+from guided_gym.guidance.search_space import Voronoi
+from guided_gym.kernels.nearest import GrowingIndex
+from guided_gym.kernels.shortest_paths import graph_from_edges
+from guided_gym.kernels.waypoints import path_anchors
+
+if TYPE_CHECKING:
+    from guided_gym.path_library import PathLibrary
+    from guided_gym.search import Expansion
+    from guided_gym.tree import SearchTree
+
+
+class PathDatabase(RoadmapGuidance):
+    """Lightning refactored: h is the length of a stored path, from the tasks most similar to this one.
+
+    The queried paths are a roadmap of chains. A node is anchored to the waypoints within one step that a free
+    motion reaches. Paths that pass within ``radius`` of a colliding configuration are filtered out; when all
+    of a query are, the next most similar tasks are queried. While no node sees a path, RRT guides.
+
+    Args:
+        database: A `PathLibrary`, or the file that ``guided-gym database build`` wrote.
+        paths: Use only the first so many paths of the database; None for all.
+        similar: Paths a query.
+        radius: Reach of a collision, in units of the local planner's step.
+        temperature: See `GuidingSpace`.
+        failure_penalty: See `GuidingSpace`.
+    """
+
+    name: ClassVar[str] = "path_database"
+
+    def __init__(
+        self,
+        *,
+        database: PathLibrary | str | Path | None = None,
+        paths: int | None = None,
+        similar: int = 32,
+        radius: float = 0.1,
+        temperature: float = 0.0,
+        failure_penalty: float = 0.1,
+    ) -> None:
+        super().__init__(temperature=temperature, failure_penalty=failure_penalty)
+        if database is None:
+            raise InvalidInputError(
+                "path_database: expected a database of paths (database=FILE), got none; "
+                "`guided-gym database build ENV --paths N` makes one"
+            )
+        if similar < 1:
+            raise InvalidInputError(f"similar: expected at least 1, got {similar!r}")
+        if not 0 < radius < np.inf:
+            raise InvalidInputError(f"radius: expected a positive number, got {radius!r}")
+        if isinstance(database, str | Path):
+            from guided_gym.database import PathDatabase as Store
+
+            with Store.open(database, readonly=True) as store:
+                database = store.load(paths)
+        elif paths is not None:
+            database = database.subset(paths)
+        self.library: PathLibrary = database
+        self.similar, self.radius = similar, radius
+        self._fallback = Voronoi()
+
+    def prepare(self) -> None:
+        """Query the first paths."""
+        if self.library.dimension != self.space.dimension:
+            raise InvalidInputError(
+                f"path_database: expected paths of dimension {self.space.dimension}, "
+                f"got {self.library.dimension}"
+            )
+        self.queried = 0
+        self.filtered = 0
+        self._fallback.reset(self.search)
+        self._contacts: list[NDArray[np.float64]] = []
+        super().prepare()
+
+    def build(self) -> Roadmap:
+        """The roadmap of the next most similar tasks' paths: a chain per path, its end joined to the goal."""
+        start, goal = self.search.start, self.goal
+        wanted = min(self.queried + self.similar, len(self.library))
+        ids = self.library.most_similar(start, goal, wanted)[self.queried :] if wanted else []
+        self.queried = wanted
+        spacing = self.radius * self.planner.step
+        chains = [self._resampled(self.library.path(int(i)), spacing) for i in ids]
+        points = np.vstack([*chains, goal])
+        self._path_of = np.repeat(np.arange(len(chains) + 1), [*map(len, chains), 1]).astype(np.int32)
+        end = len(points) - 1
+        edges = np.stack([np.arange(end), np.arange(1, end + 1)], axis=1)
+        edges[self._path_of[edges[:, 0]] != self._path_of[edges[:, 1]], 1] = end
+        lengths = np.atleast_1d(self.space.distance(points[edges[:, 0]], points[edges[:, 1]]))
+        self._alive = np.ones(len(chains), bool)
+        self._index = GrowingIndex(self.space.weights, self.space.periods)
+        self._index.add_many(points[:end])
+        return Roadmap(points, graph_from_edges(len(points), edges, lengths), end)
+
+    def _resampled(self, path: NDArray[np.float64], spacing: float) -> NDArray[np.float64]:
+        """The path with waypoints no further apart than that."""
+        lengths = self.space.distance(path[:-1], path[1:])
+        rows = [
+            self.space.interpolate(a, b, np.arange(n) / n)
+            for a, b, n in zip(path[:-1], path[1:], np.ceil(lengths / spacing).astype(int), strict=True)
+            if n > 0
+        ]
+        return np.vstack([*rows, path[-1:]])
+
+    def anchor(self, q: NDArray[np.float64]) -> Anchors:
+        """Join each configuration to the best waypoints within one step, on different paths."""
+        reach = self.planner.step
+        spread = float(np.max(self.space.distance(q, q[0])))
+        near = self._index.within(q[0], spread + reach)
+        vertices, lengths = path_anchors(
+            q, near, self.roadmap.points, self._path_of, self.roadmap.distance, reach, 8,
+            self.space.weights, self.space.periods,
+        )  # fmt: skip
+        return Anchors(vertices, lengths, np.full(vertices.shape, -1, np.int32))
+
+    def project(self, tree: SearchTree, q: NDArray[np.float64]) -> Anchors:  # type: ignore[override]
+        """P_T: the waypoints that each node of the tree can see (its anchors are validated)."""
+        anchors = self.anchor(np.ascontiguousarray(q))
+        rows, columns = np.nonzero(anchors.vertices >= 0)
+        if rows.size:
+            free = self.space.motions_free(q[rows], self.roadmap.points[anchors.vertices[rows, columns]])
+            self.search.collision_checks += free.size
+            anchors.lengths[rows[~free], columns[~free]] = np.inf
+        return anchors
+
+    def feedback(self, expansion: Expansion) -> None:
+        """Filter out the paths that pass near the collision."""
+        if expansion.contact is not None:
+            self._contacts.append(expansion.contact)
+            self._filter(expansion.contact)
+        self._fallback.feedback(expansion)
+
+    def _filter(self, contact: NDArray[np.float64]) -> None:
+        near = self._index.within(contact, self.radius * self.planner.step)
+        struck = np.unique(self._path_of[near])
+        struck = struck[self._alive[struck]]
+        if struck.size == 0:
+            return
+        self._alive[struck] = False
+        self.filtered += struck.size
+        on_struck = np.isin(self._path_of[self.roadmap.edges[:, 0]], struck)
+        self.roadmap.remove(np.flatnonzero(on_struck).astype(np.int32))
+        if self._anchors is not None:
+            self._look_again()
+
+    def _look_again(self) -> None:
+        """Anchor anew the nodes that saw only paths which are gone."""
+        tree, anchors = self.search.tree, self._anchors
+        assert anchors is not None
+        n = self._anchored
+        had = (anchors.vertices[:n] >= 0).any(axis=1)
+        blind = np.flatnonzero(had & ~np.isfinite(self._values_of(anchors, n)))
+        for i in blind:
+            fresh = self.project(tree, tree._configurations[i : i + 1])
+            anchors.vertices[i], anchors.lengths[i] = fresh.vertices[0], fresh.lengths[0]
+
+    def _sighted(self, tree: SearchTree) -> bool:
+        """Whether some node sees a path; queries further while all queried paths are filtered out."""
+        while not self._alive.any() and self.queried < len(self.library):
+            self.roadmap = self.build()
+            self.forget()
+            for contact in self._contacts:
+                self._filter(contact)
+        return bool(np.isfinite(self.values(tree)).any())
+
+    def select(self, tree: SearchTree) -> int:
+        """argmin h, or RRT's choice while no node sees a path."""
+        self._guided = self._sighted(tree)
+        return super().select(tree) if self._guided else self._fallback.select(tree)
+
+    def distribution(self, tree: SearchTree) -> NDArray[np.float64]:
+        """One-hot at argmin h (softmin with a temperature), or RRT's P while no node sees a path."""
+        return super().distribution(tree) if self._sighted(tree) else self._fallback.distribution(tree)
+
+    def propose(self, tree: SearchTree, node: int) -> NDArray[np.float64]:
+        """The candidate with the least h, or RRT's step while the node sees no path."""
+        if not np.isfinite(self.values(tree)[node]):
+            return self._fallback.propose(tree, node)
+        candidates = self.planner.candidates(tree._configurations[node])
+        return candidates[int(np.argmin(self.heuristic(self.anchor(candidates))))]

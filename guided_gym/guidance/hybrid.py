@@ -1,0 +1,110 @@
+"""Multi-guidance search: guiding spaces that know nothing of each other, combined (paper, Section 7.1)."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import TYPE_CHECKING, Any, ClassVar, Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from guided_gym.errors import InvalidInputError
+from guided_gym.guidance.base import GuidingSpace
+
+if TYPE_CHECKING:
+    from guided_gym.search import Expansion
+    from guided_gym.tree import SearchTree
+
+
+class Rule(Protocol):
+    """Which of several guiding spaces guides the next sample."""
+
+    def reset(self, count: int) -> int:
+        """Start over with that many guiding spaces; returns the first to guide."""
+
+    def next(self, current: int, expansion: Expansion) -> int:
+        """The guiding space that guides after this expansion."""
+
+
+class SwapAtCollision:
+    """The paper's rule: swap the source of the guidance each time the search collides with an obstacle."""
+
+    def reset(self, count: int) -> int:
+        """Start with the first."""
+        self._count = count
+        return 0
+
+    def next(self, current: int, expansion: Expansion) -> int:
+        """The next one in turn if the expansion failed, else the same."""
+        return (current + 1) % self._count if expansion.failed else current
+
+
+class Hybrid(GuidingSpace):
+    """The cross product of guiding spaces, with a rule that says whose heuristic counts.
+
+    All of them learn from every expansion, whoever proposed it.
+
+    Args:
+        guides: Guiding spaces, or their names.
+        rule: Who guides when; the paper's swap at each collision by default.
+    """
+
+    name: ClassVar[str] = "hybrid"
+
+    def __init__(
+        self,
+        guides: Sequence[GuidingSpace | str] = ("lazy_prm", "medial_axis"),
+        rule: Rule | None = None,
+    ) -> None:
+        from guided_gym.guidance import make_guidance
+
+        super().__init__(failure_penalty=0.0)
+        if isinstance(guides, str) or len(guides) < 1:
+            raise InvalidInputError(f"guides: expected a sequence of guiding spaces, got {guides!r}")
+        self.guides = [make_guidance(guide) for guide in guides]
+        if len({id(guide) for guide in self.guides}) != len(self.guides):
+            raise InvalidInputError("guides: expected each instance once, got one of them twice")
+        self.rule: Rule = rule or SwapAtCollision()
+        self.current = 0
+
+    @property
+    def guide(self) -> GuidingSpace:
+        """The guiding space whose turn it is."""
+        return self.guides[self.current]
+
+    def prepare(self) -> None:
+        """Prepare every guiding space."""
+        for guide in self.guides:
+            guide.reset(self.search)
+        self.current = self.rule.reset(len(self.guides))
+
+    def project(self, tree: SearchTree, q: NDArray[np.float64]) -> tuple[int, Any]:  # type: ignore[override]
+        """P_T into the guiding space whose turn it is: (its index, its states)."""
+        return self.current, self.guide.project(tree, q)
+
+    def heuristic(self, states: tuple[int, Any]) -> NDArray[np.float64]:  # type: ignore[override]
+        """h of the guiding space that the states belong to."""
+        index, inner = states
+        return self.guides[index].heuristic(inner)
+
+    def values(self, tree: SearchTree) -> NDArray[np.float64]:
+        """(n,) h of each node in the guiding space whose turn it is."""
+        return self.guide.values(tree)
+
+    def distribution(self, tree: SearchTree) -> NDArray[np.float64]:
+        """P of the guiding space whose turn it is."""
+        return self.guide.distribution(tree)
+
+    def select(self, tree: SearchTree) -> int:
+        """The node that the current guide selects."""
+        return self.guide.select(tree)
+
+    def propose(self, tree: SearchTree, node: int) -> NDArray[np.float64]:
+        """The configuration that the current guide proposes."""
+        return self.guide.propose(tree, node)
+
+    def feedback(self, expansion: Expansion) -> None:
+        """Every guide learns; then the rule decides who guides next."""
+        for guide in self.guides:
+            guide.feedback(expansion)
+        self.current = self.rule.next(self.current, expansion)

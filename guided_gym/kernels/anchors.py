@@ -1,0 +1,99 @@
+"""Configurations anchored to a roadmap: their heuristic, and the anchors that failures take away.
+
+An anchor joins a configuration to a roadmap vertex: h is the least (length of the anchor + distance of its
+vertex). Where the anchor runs along a roadmap edge, its length grows with the edge's multiplier.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numba import njit
+
+from guided_gym.kernels.metric import segment_separation, separation
+
+
+@njit(cache=True)
+def anchored_values(vertices, lengths, edges, multipliers, distance, n):
+    """h of the first n configurations; infinite where no anchor leads to the goal.
+
+    Args:
+        vertices: (>= n, k) int32 roadmap vertex of each anchor; -1 for none.
+        lengths: (>= n, k) length of each anchor; infinite if it was dropped.
+        edges: (>= n, k) int32 roadmap edge that the anchor runs along; -1 for none.
+        multipliers: (m,) factor on the length of each roadmap edge.
+        distance: (v,) length of the shortest path from each vertex to the goal.
+        n: Number of configurations.
+    """
+    out = np.empty(n)
+    for i in range(n):
+        best = np.inf
+        for j in range(vertices.shape[1]):
+            v = vertices[i, j]
+            if v >= 0:
+                e = edges[i, j]
+                length = lengths[i, j] if e < 0 else lengths[i, j] * multipliers[e]
+                best = min(best, length + distance[v])
+        out[i] = best
+    return out
+
+
+@njit(cache=True)
+def drop_anchors(q, n, vertices, lengths, points, contacts, radius, weights, periods):
+    """Drop the anchors that pass within ``radius`` of a colliding configuration: their length becomes inf.
+
+    Args:
+        q: (>= n, d) configurations.
+        n: Number of configurations.
+        vertices: (>= n, k) int32 roadmap vertex of each anchor; -1 for none.
+        lengths: (>= n, k) length of each anchor, changed in place.
+        points: (v, d) roadmap vertices.
+        contacts: (f, d) colliding configurations.
+        radius: Distance within which an anchor is dropped.
+        weights: (d,) weights of the distance.
+        periods: (d,) periods, 0 for none.
+    """
+    for i in range(n):
+        longest = 0.0
+        for j in range(vertices.shape[1]):
+            if vertices[i, j] >= 0 and lengths[i, j] < np.inf:
+                longest = max(longest, lengths[i, j])
+        if longest == 0.0:
+            continue
+        for f in range(contacts.shape[0]):
+            away = separation(q[i], contacts[f], weights, periods)
+            if away > radius + longest:
+                continue
+            for j in range(vertices.shape[1]):
+                v = vertices[i, j]
+                if v < 0 or away > radius + lengths[i, j] or lengths[i, j] == np.inf:
+                    continue
+                if segment_separation(q[i], points[v], contacts[f], weights, periods) <= radius:
+                    lengths[i, j] = np.inf
+
+
+@njit(cache=True)
+def nearest_segments(q, tails, heads):
+    """The nearest of a set of plane segments to each point.
+
+    Args:
+        q: (n, >= 2) points; the first two coordinates count.
+        tails: (m, 2) first end of each segment.
+        heads: (m, 2) second end of each segment.
+
+    Returns:
+        (n,) int32 segment, (n,) fraction along it of the nearest point, (n,) distance to that point.
+    """
+    n = q.shape[0]
+    segment, fraction, away = np.zeros(n, np.int32), np.zeros(n), np.full(n, np.inf)
+    for i in range(n):
+        for e in range(tails.shape[0]):
+            ux, uy = heads[e, 0] - tails[e, 0], heads[e, 1] - tails[e, 1]
+            px, py = q[i, 0] - tails[e, 0], q[i, 1] - tails[e, 1]
+            squared = ux * ux + uy * uy
+            t = 0.0 if squared == 0.0 else min(1.0, max(0.0, (ux * px + uy * py) / squared))
+            dx, dy = px - t * ux, py - t * uy
+            d = dx * dx + dy * dy
+            if d < away[i]:
+                segment[i], fraction[i], away[i] = e, t, d
+        away[i] = np.sqrt(away[i])
+    return segment, fraction, away

@@ -1,0 +1,34 @@
+"""Voronoi cells by counting samples: which node each sample is nearest to."""
+
+from __future__ import annotations
+
+import numpy as np
+from numba import njit
+
+from guided_gym.kernels.metric import separation
+
+
+@njit(cache=True)
+def assign_cells(samples, nodes, first, last, weights, periods, owner, distance):
+    """Let ``nodes[first:last]`` take over the samples that are nearer to them than to their owner.
+
+    Args:
+        samples: (m, d) fixed samples.
+        nodes: (>= last, d) configurations of the tree.
+        first: First new node.
+        last: One past the last new node.
+        weights: (d,) weights of the distance.
+        periods: (d,) periods, 0 for none.
+        owner: (m,) int64, changed in place.
+        distance: (m,) distance to the owner, changed in place.
+    """
+    for v in range(first, last):
+        q = nodes[v]
+        for j in range(samples.shape[0]):
+            # One coordinate alone often shows that the owner stays.
+            if np.abs(samples[j, 0] - q[0]) * weights[0] >= distance[j] and periods[0] == 0.0:
+                continue
+            d = separation(q, samples[j], weights, periods)
+            if d < distance[j]:
+                distance[j] = d
+                owner[j] = v

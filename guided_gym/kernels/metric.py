@@ -1,0 +1,79 @@
+"""Distance and interpolation of single configurations: weighted, with periodic coordinates."""
+
+from __future__ import annotations
+
+import numpy as np
+from numba import njit
+
+
+@njit(cache=True)
+def shortest(delta, period):
+    """``delta`` taken the short way round; a period of 0 means not periodic."""
+    if period > 0.0:
+        return delta - period * np.floor(delta / period + 0.5)
+    return delta
+
+
+@njit(cache=True)
+def separation(a, b, weights, periods):
+    """Distance between configurations: sqrt(sum (w_i * wrapped difference_i)^2)."""
+    total = 0.0
+    for i in range(a.size):
+        step = weights[i] * shortest(b[i] - a[i], periods[i])
+        total += step * step
+    return np.sqrt(total)
+
+
+@njit(cache=True)
+def steer(a, b, step, weights, periods):
+    """The configuration at most ``step`` from ``a`` on the straight motion to ``b``; (d,) float64.
+
+    Periodic coordinates come back in [-period / 2, period / 2).
+    """
+    out = np.empty(a.size)
+    length = separation(a, b, weights, periods)
+    t = 1.0 if length <= step else step / length
+    for i in range(a.size):
+        out[i] = shortest(a[i] + t * shortest(b[i] - a[i], periods[i]), periods[i])
+    return out
+
+
+@njit(cache=True)
+def segment_separation(a, b, q, weights, periods):
+    """Distance from ``q`` to the straight motion from ``a`` to ``b``.
+
+    The motion is unrolled around ``a``; exact for motions shorter than half a period.
+    """
+    along, squared, offset = 0.0, 0.0, 0.0
+    for i in range(a.size):
+        u = weights[i] * shortest(b[i] - a[i], periods[i])
+        p = weights[i] * shortest(q[i] - a[i], periods[i])
+        along += u * p
+        squared += u * u
+        offset += p * p
+    t = 0.0 if squared == 0.0 else min(1.0, max(0.0, along / squared))
+    return np.sqrt(max(0.0, offset - 2.0 * t * along + t * t * squared))
+
+
+@njit(cache=True)
+def ball_samples(q, normals, radii, step, weights, periods):
+    """(k, d) points of the ball of radius ``step`` around ``q``.
+
+    Args:
+        q: (d,) centre.
+        normals: (k, d) standard normal numbers, giving directions.
+        radii: (k,) uniform numbers in [0, 1).
+        step: Radius in the weighted distance.
+        weights: (d,) weights of the distance.
+        periods: (d,) periods, 0 for none.
+    """
+    k, d = normals.shape
+    out = np.empty((k, d))
+    for j in range(k):
+        norm = 0.0
+        for i in range(d):
+            norm += normals[j, i] * normals[j, i]
+        scale = step * radii[j] ** (1.0 / d) / np.sqrt(norm)
+        for i in range(d):
+            out[j, i] = shortest(q[i] + scale * normals[j, i] / weights[i], periods[i])
+    return out

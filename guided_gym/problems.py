@@ -1,0 +1,155 @@
+"""Motion planning problems M = (r, E, s, t) and distributions over them (paper, Preliminaries)."""
+
+from __future__ import annotations
+
+import hashlib
+from abc import ABC, abstractmethod
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
+from functools import cached_property
+from types import MappingProxyType
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+from shapely.geometry.base import BaseGeometry
+
+from guided_gym.environment import Environment
+from guided_gym.errors import InvalidInputError
+from guided_gym.robots import Robot
+from guided_gym.space import ConfigurationSpace
+
+NO_REGIONS: Mapping[str, BaseGeometry] = MappingProxyType({})
+
+
+@dataclass(frozen=True, eq=False)
+class Task:
+    """A task (s, t): where a search starts and where it has to end.
+
+    Attributes:
+        start: (d,) float64 configuration s.
+        goal: (d,) float64 configuration t.
+
+    Raises:
+        InvalidInputError: A coordinate is NaN or infinite, or the two have different shapes.
+    """
+
+    start: NDArray[np.float64]
+    goal: NDArray[np.float64]
+
+    def __init__(self, start: ArrayLike, goal: ArrayLike) -> None:
+        for name, value in (("start", start), ("goal", goal)):
+            array = np.array(value, dtype=np.float64)
+            if array.ndim != 1 or not np.isfinite(array).all():
+                raise InvalidInputError(f"{name}: expected a vector of finite numbers, got {value!r}")
+            array.setflags(write=False)
+            object.__setattr__(self, name, array)
+        if self.start.shape != self.goal.shape:
+            raise InvalidInputError(
+                f"task: start has {self.start.size} coordinates but goal has {self.goal.size}"
+            )
+
+
+@dataclass(frozen=True, eq=False)
+class Problem:
+    """A motion planning problem M = (r, E, s, t).
+
+    Attributes:
+        robot: The robot r.
+        environment: The environment E.
+        task: The task (s, t).
+        name: What tables and figures call it.
+        regions: Named parts of the workspace (shapely), for the metric per region (paper, Axes for
+            Evaluating Guidance). May be empty; regions may leave gaps.
+        rotation_weight: Length per radian in the distance; None for the robot's circumradius.
+
+    Raises:
+        InvalidInputError: Start or goal has the wrong dimension, is out of bounds or in collision.
+    """
+
+    robot: Robot
+    environment: Environment
+    task: Task
+    name: str = "problem"
+    regions: Mapping[str, BaseGeometry] = field(default_factory=lambda: NO_REGIONS)
+    rotation_weight: float | None = None
+
+    def __post_init__(self) -> None:
+        space = self.space
+        for label, q in (("start", self.task.start), ("goal", self.task.goal)):
+            if q.size != space.dimension:
+                raise InvalidInputError(
+                    f"{self.name}: {label} needs {space.dimension} coordinates for robot "
+                    f"{self.robot.name!r}, got {q.size}"
+                )
+            outside = (q < space.lower) | (q > space.upper)
+            if (outside & (space.periods == 0)).any():
+                raise InvalidInputError(
+                    f"{self.name}: {label} {q.tolist()} is out of bounds "
+                    f"{space.lower.tolist()} to {space.upper.tolist()}"
+                )
+            if not space.valid(q):
+                raise InvalidInputError(
+                    f"{self.name}: {label} {q.tolist()} is in collision; expected a free pose"
+                )
+
+    @cached_property
+    def space(self) -> ConfigurationSpace:
+        """The configuration space C = (r, E)."""
+        return ConfigurationSpace(self.robot, self.environment, self.rotation_weight)
+
+    @cached_property
+    def fingerprint(self) -> str:
+        """Hash of the problem's content, the same in every process."""
+        digest = hashlib.sha256(self.space.fingerprint().encode())
+        digest.update(self.task.start.tobytes() + self.task.goal.tobytes())
+        return digest.hexdigest()
+
+
+class ProblemDistribution(ABC):
+    """A distribution D over problems, indexed by seed: the same seed is the same problem everywhere.
+
+    Attributes:
+        name: What tables, databases and figures call it.
+        fixed: True when every seed gives one and the same problem.
+        summary: One line for lists of problems.
+    """
+
+    name: str
+    fixed: bool = False
+    summary: str = ""
+
+    @abstractmethod
+    def sample(self, rng: np.random.Generator) -> Problem:
+        """Draw one problem M ~ D."""
+
+    def problem(self, seed: int) -> Problem:
+        """The problem of one seed."""
+        return self.sample(np.random.default_rng(seed))
+
+
+class FixedProblem(ProblemDistribution):
+    """The distribution that always gives one problem."""
+
+    fixed = True
+
+    def __init__(self, problem: Problem, summary: str = "") -> None:
+        self.name = problem.name
+        self.summary = summary
+        self._problem = problem
+
+    def sample(self, rng: np.random.Generator) -> Problem:
+        """The problem; draws nothing from ``rng``."""
+        return self._problem
+
+
+class SampledProblems(ProblemDistribution):
+    """A distribution given by a function from a random generator to a problem."""
+
+    def __init__(self, name: str, draw: Callable[[np.random.Generator], Problem], summary: str = "") -> None:
+        self.name = name
+        self.summary = summary
+        self._draw = draw
+
+    def sample(self, rng: np.random.Generator) -> Problem:
+        """Draw one problem with ``draw``."""
+        return self._draw(rng)

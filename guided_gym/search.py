@@ -1,0 +1,377 @@
+"""Guided search (paper, Algorithm 1): select a node, expand it, remember failures."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from guided_gym.efficiency import DEFAULT_TARGET, TargetParameters, jensen_shannon, sampling_efficiency
+from guided_gym.errors import InvalidInputError
+from guided_gym.kernels.metric import separation
+from guided_gym.local_planner import DEFAULT_CANDIDATES, LocalPlanner
+from guided_gym.problems import Problem
+from guided_gym.target import TargetTracker
+from guided_gym.tree import SearchTree
+
+if TYPE_CHECKING:
+    from guided_gym.guidance.base import GuidingSpace
+
+NO_NODE = -1
+
+
+@dataclass(frozen=True)
+class SearchOptions:
+    """How a search expands, ends and is measured; independent of who chooses the nodes.
+
+    Attributes:
+        step: Radius of the local planner's ball; None for 5 % of the workspace's diagonal.
+        candidates: Members of N_C(v) that a guided expansion looks at.
+        goal_tolerance: The search also ends when a node is this near to the goal; 0 for the paper's rule
+            alone, a valid edge from the new node to t.
+        rewire: RRT*-style: a new node takes the best parent nearby, then becomes one itself.
+        target: Parameters of the target distribution Q.
+    """
+
+    step: float | None = None
+    candidates: int = DEFAULT_CANDIDATES
+    goal_tolerance: float = 0.0
+    rewire: bool = False
+    target: TargetParameters = DEFAULT_TARGET
+
+
+@dataclass(frozen=True, slots=True)
+class Expansion:
+    """What became of one sample: an expansion of ``node`` towards ``target``.
+
+    Attributes:
+        node: The selected node x_min.
+        target: (d,) the proposed configuration x_new.
+        child: Index of the new node, or NO_NODE if the motion was not free.
+        contact: (d,) colliding configuration if the motion failed, else None.
+        reached_goal: Whether the new node has a valid edge to the goal.
+    """
+
+    node: int
+    target: NDArray[np.float64]
+    child: int
+    contact: NDArray[np.float64] | None
+    reached_goal: bool
+
+    @property
+    def failed(self) -> bool:
+        """Whether the motion was not free."""
+        return self.child == NO_NODE
+
+
+class Listener(Protocol):
+    """Anything that learns from expansions: guiding spaces, above all."""
+
+    def feedback(self, expansion: Expansion) -> None:
+        """Take note of an expansion; called after the tree has changed."""
+
+
+def streams(seed: int | None) -> tuple[np.random.Generator, np.random.Generator, np.random.Generator]:
+    """Generators for the problem, the expansion and the guiding space, spawned from one seed.
+
+    ``guided_search(seed=k)`` and ``env.reset(seed=k)`` use the same three.
+    """
+    return spawn(np.random.default_rng(seed))
+
+
+def spawn(
+    rng: np.random.Generator,
+) -> tuple[np.random.Generator, np.random.Generator, np.random.Generator]:
+    """Three independent generators from the next number of ``rng``."""
+    children = np.random.SeedSequence(int(rng.integers(2**63))).spawn(3)
+    problem, expansion, guidance = (np.random.default_rng(child) for child in children)
+    return problem, expansion, guidance
+
+
+class Search:
+    """One search in progress: the problem, its tree, and the step that grows it.
+
+    Whoever selects nodes (`guided_search`, the Gymnasium environment, a user's own loop) calls `expand`.
+
+    Args:
+        problem: The problem to solve.
+        expansion_rng: Source of random expansions.
+        guidance_rng: Source of the guiding space's own randomness.
+        options: Expansion, termination and metric.
+    """
+
+    def __init__(
+        self,
+        problem: Problem,
+        expansion_rng: np.random.Generator,
+        guidance_rng: np.random.Generator,
+        options: SearchOptions | None = None,
+        capacity: int = 256,
+    ) -> None:
+        self.problem = problem
+        self.space = problem.space
+        self.options = options or SearchOptions()
+        # Writable copies: the kernels would compile once more for read-only arrays.
+        self.start, self.goal = problem.task.start.copy(), problem.task.goal.copy()
+        self.tree = SearchTree(self.space, self.start, capacity)
+        self.planner = LocalPlanner(self.space, expansion_rng, self.options.step, self.options.candidates)
+        self.guidance_rng = guidance_rng
+        self.listeners: list[Listener] = []
+        self.samples = 0
+        self.collision_checks = 0
+        self.goal_node = NO_NODE
+        self.last: Expansion | None = None  # what became of the latest sample
+        self._tracker: TargetTracker | None = None
+        self._try_goal(0)
+
+    @property
+    def solved(self) -> bool:
+        """Whether some node has a valid edge to the goal."""
+        return self.goal_node != NO_NODE
+
+    @property
+    def tracker(self) -> TargetTracker:
+        """The target distribution over the tree; asks the oracle, so solves it on first use."""
+        if self._tracker is None:
+            self._tracker = TargetTracker(self.problem, self.tree, self.options.target)
+        return self._tracker
+
+    def attach(self, guidance: GuidingSpace) -> None:
+        """Prepare a guiding space for this search and let it learn from every expansion."""
+        guidance.reset(self)
+        self.listeners.append(guidance)
+
+    def motion_free(self, a: NDArray[np.float64], b: NDArray[np.float64]) -> bool:
+        """Whether the straight motion is free, counted among the collision checks."""
+        self.collision_checks += 1
+        return self.space.motion_free(a, b)
+
+    def expand(self, node: int, target: NDArray[np.float64]) -> Expansion:
+        """One sample: try the motion from ``node`` to ``target``, grow the tree or record the failure."""
+        q = self.tree._configurations[node]
+        self.samples += 1
+        self.collision_checks += 1
+        free = self.space.first_contact(q, target)
+        if free < 1.0:
+            contact = self.space.interpolate(q, target, free)
+            self.tree.add_failure(node, target, contact)
+            expansion = Expansion(node, target, NO_NODE, contact, False)
+        else:
+            child = self.tree.add(target, node, separation(q, target, self.space.weights, self.space.periods))
+            if self.options.rewire:
+                self._rewire(child)
+            self._try_goal(child)
+            expansion = Expansion(node, target, child, None, self.solved)
+        self.last = expansion
+        for listener in self.listeners:
+            listener.feedback(expansion)
+        return expansion
+
+    def _try_goal(self, node: int) -> None:
+        q = self.tree._configurations[node]
+        near = self.options.goal_tolerance > 0 and (
+            separation(q, self.goal, self.space.weights, self.space.periods) <= self.options.goal_tolerance
+        )
+        if near or self.motion_free(q, self.goal):
+            self.goal_node = node
+
+    def _rewire(self, child: int) -> None:
+        """RRT*'s two passes over the nodes within one step: best parent for the child, then it for others."""
+        tree, space = self.tree, self.space
+        q = tree.configurations[child]
+        near = [int(i) for i in tree.index.within(q, self.planner.step) if i != child]
+        lengths = np.atleast_1d(space.distance(tree.configurations[near], q)) if near else np.zeros(0)
+        through = tree.cost_to_come[near] + lengths
+        for j in np.argsort(through, kind="stable"):
+            if through[j] >= tree.cost_to_come[child] - 1e-12:
+                break
+            if self.motion_free(tree.configurations[near[j]], q):
+                tree.rewire(child, near[j], float(lengths[j]))
+                break
+        for i, length in zip(near, lengths, strict=True):
+            if tree.cost_to_come[child] + length < tree.cost_to_come[i] - 1e-12 and self.motion_free(
+                q, tree.configurations[i]
+            ):
+                tree.rewire(i, child, float(length))
+
+    def path(self) -> NDArray[np.float64] | None:
+        """(k, d) the path found, start and goal included; None while there is none."""
+        if not self.solved:
+            return None
+        nodes = self.tree.configurations[self.tree.path_to(self.goal_node)]
+        if self.space.motion_free(nodes[-1], self.goal):
+            nodes = np.vstack([nodes, self.goal])
+        return nodes
+
+
+@dataclass(frozen=True)
+class Record:
+    """One row per sample of a search.
+
+    Attributes:
+        selected: (m,) int32 node chosen at each sample.
+        child: (m,) int32 new node, NO_NODE where the motion failed.
+        nodes: (m,) int32 size of the tree when the choice was made.
+        efficiency: (m,) SE of the choice, -log Q(u), in nats; NaN if the search was not measured.
+        divergence: (m,) D_KL(P || Q) of the guiding space's whole distribution; NaN if not asked for.
+        jensen_shannon: (m,) D_JS(P || Q), likewise.
+        best: (m,) -log max Q, the least SE that any choice could have had; NaN if not measured.
+    """
+
+    selected: NDArray[np.int32]
+    child: NDArray[np.int32]
+    nodes: NDArray[np.int32]
+    efficiency: NDArray[np.float64]
+    divergence: NDArray[np.float64]
+    jensen_shannon: NDArray[np.float64]
+    best: NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class SearchResult:
+    """What `guided_search` returns.
+
+    Attributes:
+        tree: The search tree, failed expansions included.
+        path: (k, d) certified path from start to goal, None if none was found.
+        record: One row per sample.
+        collision_checks: Motions checked.
+        seconds: Wall time of the search, oracle and metric excluded.
+    """
+
+    tree: SearchTree
+    path: NDArray[np.float64] | None
+    record: Record
+    collision_checks: int
+    seconds: float
+
+    @property
+    def solved(self) -> bool:
+        """Whether a path was found."""
+        return self.path is not None
+
+    @property
+    def samples(self) -> int:
+        """Number of samples drawn, failures included."""
+        return self.record.selected.size
+
+    @property
+    def total_efficiency(self) -> float:
+        """Sum of SE over the samples (0 after the search has finished)."""
+        return float(self.record.efficiency.sum())
+
+
+def guided_search(
+    problem: Problem,
+    guidance: GuidingSpace | str,
+    *,
+    seed: int | None = None,
+    max_samples: int = 1000,
+    expansion: GuidingSpace | str | None = None,
+    options: SearchOptions | None = None,
+    measure: bool = True,
+    distributions: bool = False,
+    progress: Callable[[int], None] | None = None,
+) -> SearchResult:
+    """Guided search (paper, Algorithm 1), without Gymnasium.
+
+    Args:
+        problem: The problem to solve.
+        guidance: The guiding space that selects nodes, or its name.
+        seed: Seed of every random choice; the same seed gives the same tree.
+        max_samples: Samples after which to give up.
+        expansion: Who proposes x_new: None for ``guidance`` itself, ``"uniform"`` for the ball, or another
+            guiding space.
+        options: Local planner, termination and metric.
+        measure: Whether to compute SE (asks the oracle).
+        distributions: Whether to compute D_KL and D_JS of the whole distribution at each sample too.
+        progress: Called with the number of samples so far.
+
+    Raises:
+        InvalidInputError: max_samples is not positive.
+        NoPathError: ``measure`` is on and no path joins start and goal.
+        UnknownNameError: No guiding space has that name.
+    """
+    from guided_gym.guidance import make_guidance
+
+    if max_samples < 1:
+        raise InvalidInputError(f"max_samples: expected at least 1, got {max_samples!r}")
+    guidance = make_guidance(guidance)
+    _, expansion_rng, guidance_rng = streams(seed)
+    search = Search(problem, expansion_rng, guidance_rng, options)
+    if measure:
+        search.tracker.optimum  # noqa: B018  solve the oracle before the clock starts
+    search.attach(guidance)
+    propose = proposer(search, guidance, expansion)
+    recorder = _Recorder(search, guidance, measure, distributions)
+    began = time.perf_counter()
+    while not search.solved and search.samples < max_samples:
+        node = guidance.select(search.tree)
+        recorder.before(node)
+        recorder.after(search.expand(node, propose(node)))
+        if progress is not None:
+            progress(search.samples)
+    seconds = time.perf_counter() - began - recorder.seconds
+    return SearchResult(search.tree, search.path(), recorder.record(), search.collision_checks, seconds)
+
+
+def proposer(
+    search: Search, guidance: GuidingSpace | None, expansion: GuidingSpace | str | None
+) -> Callable[[int], NDArray[np.float64]]:
+    """The function from a node to x_new that an ``expansion`` option stands for (see `guided_search`)."""
+    from guided_gym.guidance import make_guidance
+
+    if expansion == "uniform":
+        return lambda node: search.planner.uniform(search.tree._configurations[node])
+    if expansion is None:
+        if guidance is None:
+            raise InvalidInputError("expansion: expected 'uniform' or a guiding space, got None")
+        chosen = guidance
+    else:
+        chosen = make_guidance(expansion)
+        search.attach(chosen)
+    return lambda node: chosen.propose(search.tree, node)
+
+
+class _Recorder:
+    """Collects the rows of a `Record`, and the time that this took."""
+
+    def __init__(self, search: Search, guidance: GuidingSpace, measure: bool, distributions: bool) -> None:
+        self._search, self._guidance = search, guidance
+        self._measure, self._distributions = measure, distributions and measure
+        self._rows: list[Sequence[float]] = []
+        self._children: list[int] = []
+        self.seconds = 0.0
+
+    def before(self, node: int) -> None:
+        if not self._measure:
+            self._rows.append((node, len(self._search.tree), np.nan, np.nan, np.nan, np.nan))
+            return
+        began = time.perf_counter()
+        tracker = self._search.tracker
+        efficiency, best = tracker.choice(node)
+        divergence = js = np.nan
+        if self._distributions:
+            p, q = self._guidance.distribution(self._search.tree), tracker.distribution()
+            divergence, js = sampling_efficiency(p, q), jensen_shannon(p, q)
+        self._rows.append((node, len(self._search.tree), efficiency, best, divergence, js))
+        self.seconds += time.perf_counter() - began
+
+    def after(self, expansion: Expansion) -> None:
+        self._children.append(expansion.child)
+
+    def record(self) -> Record:
+        rows = np.array(self._rows, np.float64).reshape(-1, 6)
+        return Record(
+            selected=rows[:, 0].astype(np.int32),
+            child=np.array(self._children, np.int32),
+            nodes=rows[:, 1].astype(np.int32),
+            efficiency=rows[:, 2].copy(),
+            best=rows[:, 3].copy(),
+            divergence=rows[:, 4].copy(),
+            jensen_shannon=rows[:, 5].copy(),
+        )

@@ -1,0 +1,197 @@
+"""The search tree T with its failed expansions (paper, Algorithm 1), as a struct of arrays."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from guided_gym.errors import InvalidInputError
+
+if TYPE_CHECKING:
+    from guided_gym.kernels.nearest import GrowingIndex
+    from guided_gym.space import ConfigurationSpace
+
+NO_PARENT: Final = -1
+ROOT: Final = 0
+
+
+def _readonly(array: NDArray) -> NDArray:
+    view = array.view()
+    view.flags.writeable = False
+    return view
+
+
+class SearchTree:
+    """A tree of configurations rooted at the start, grown one node at a time in O(1).
+
+    All properties are read-only views of the first ``len(tree)`` rows (or ``tree.failure_count`` rows);
+    a view is stale after the next append.
+
+    Args:
+        space: The configuration space that the nodes live in.
+        root: (d,) start configuration.
+        capacity: Rows allocated at first; doubled when full.
+    """
+
+    def __init__(self, space: ConfigurationSpace, root: NDArray[np.float64], capacity: int = 256) -> None:
+        if capacity < 1:
+            raise InvalidInputError(f"capacity: expected at least 1, got {capacity}")
+        self.space = space
+        d = space.dimension
+        self._n = 0
+        self._failed = 0
+        self._configurations = np.zeros((capacity, d))  # [n, d] float64, metres and radians
+        self._parents = np.full(capacity, NO_PARENT, np.int32)  # [n] int32, NO_PARENT at the root
+        self._costs = np.zeros(capacity)  # [n] float64, d_T(s, v), metres
+        self._depths = np.zeros(capacity, np.int32)  # [n] int32, edges from the root
+        self._children = np.zeros(capacity, np.int32)  # [n] int32, number of children
+        self._failures = np.zeros(capacity, np.int32)  # [n] int32, failed expansions from v
+        self._failed_nodes = np.zeros(capacity, np.int32)  # [f] int32, x_min of a failed expansion
+        self._failed_targets = np.zeros((capacity, d))  # [f, d] float64, its x_new
+        self._contacts = np.zeros((capacity, d))  # [f, d] float64, where the motion stopped being free
+        self._index: GrowingIndex | None = None
+        self.rewirings = 0
+        self._append(root, NO_PARENT, 0.0, 0)
+
+    def __len__(self) -> int:
+        return self._n
+
+    @property
+    def failure_count(self) -> int:
+        """Number of failed expansions."""
+        return self._failed
+
+    @property
+    def configurations(self) -> NDArray[np.float64]:
+        """(n, d) configuration of each node."""
+        return _readonly(self._configurations[: self._n])
+
+    @property
+    def parents(self) -> NDArray[np.int32]:
+        """(n,) parent of each node, NO_PARENT at the root."""
+        return _readonly(self._parents[: self._n])
+
+    @property
+    def cost_to_come(self) -> NDArray[np.float64]:
+        """(n,) d_T(s, v): length of the tree path from the root."""
+        return _readonly(self._costs[: self._n])
+
+    @property
+    def depths(self) -> NDArray[np.int32]:
+        """(n,) edges from the root."""
+        return _readonly(self._depths[: self._n])
+
+    @property
+    def children(self) -> NDArray[np.int32]:
+        """(n,) number of children."""
+        return _readonly(self._children[: self._n])
+
+    @property
+    def failures(self) -> NDArray[np.int32]:
+        """(n,) number of failed expansions from each node."""
+        return _readonly(self._failures[: self._n])
+
+    @property
+    def failed_nodes(self) -> NDArray[np.int32]:
+        """(f,) node that each failed expansion started from."""
+        return _readonly(self._failed_nodes[: self._failed])
+
+    @property
+    def failed_targets(self) -> NDArray[np.float64]:
+        """(f, d) configuration that each failed expansion aimed at."""
+        return _readonly(self._failed_targets[: self._failed])
+
+    @property
+    def contacts(self) -> NDArray[np.float64]:
+        """(f, d) colliding configuration of each failed expansion: where its motion stopped being free."""
+        return _readonly(self._contacts[: self._failed])
+
+    @property
+    def index(self) -> GrowingIndex:
+        """Nearest-neighbour index over the nodes, brought up to date when asked for."""
+        if self._index is None:
+            from guided_gym.kernels.nearest import GrowingIndex
+
+            self._index = GrowingIndex(self.space.weights, self.space.periods)
+        index = self._index
+        for i in range(len(index), self._n):
+            index.add(self._configurations[i])
+        return index
+
+    def nearest(self, q: NDArray[np.float64]) -> int:
+        """Index of the node nearest to q; the lowest on ties."""
+        return int(self.index.nearest(q)[0])
+
+    def _append(self, q: NDArray[np.float64], parent: int, cost: float, depth: int) -> int:
+        i = self._n
+        if i == self._parents.size:
+            self._grow_nodes()
+        self._configurations[i] = q
+        self._parents[i] = parent
+        self._costs[i] = cost
+        self._depths[i] = depth
+        self._n = i + 1
+        return i
+
+    def add(self, q: NDArray[np.float64], parent: int, length: float) -> int:
+        """Append q as a child of ``parent`` over an edge of the given length; returns its index."""
+        cost = float(self._costs[parent]) + length
+        child = self._append(q, parent, cost, int(self._depths[parent]) + 1)
+        self._children[parent] += 1
+        return child
+
+    def add_failure(self, node: int, target: NDArray[np.float64], contact: NDArray[np.float64]) -> None:
+        """Append (node, target) to the failed expansions; ``contact`` is the colliding configuration."""
+        i = self._failed
+        if i == self._failed_nodes.size:
+            self._grow_failures()
+        self._failed_nodes[i] = node
+        self._failed_targets[i] = target
+        self._contacts[i] = contact
+        self._failures[node] += 1
+        self._failed = i + 1
+
+    def path_to(self, node: int) -> NDArray[np.int32]:
+        """(k,) node indices from the root to ``node``."""
+        path = [node]
+        while (node := int(self._parents[node])) != NO_PARENT:
+            path.append(node)
+        return np.array(path[::-1], np.int32)
+
+    def rewire(self, node: int, parent: int, length: float) -> None:
+        """Give ``node`` a new parent over an edge of the given length; its subtree's costs follow.
+
+        The caller vouches that the edge is free and that ``parent`` is no descendant of ``node``.
+        """
+        self._children[self._parents[node]] -= 1
+        self._children[parent] += 1
+        self._parents[node] = parent
+        order: list[list[int]] = [[] for _ in range(self._n)]
+        for child, p in enumerate(self._parents[: self._n].tolist()):
+            if p != NO_PARENT:
+                order[p].append(child)
+        change = float(self._costs[parent]) + length - float(self._costs[node])
+        deeper = int(self._depths[parent]) + 1 - int(self._depths[node])
+        stack = [node]
+        while stack:
+            v = stack.pop()
+            self._costs[v] += change
+            self._depths[v] += deeper
+            stack.extend(order[v])
+        self.rewirings += 1
+
+    def _grow_nodes(self) -> None:
+        for name in ("_configurations", "_parents", "_costs", "_depths", "_children", "_failures"):
+            setattr(self, name, _doubled(getattr(self, name)))
+
+    def _grow_failures(self) -> None:
+        for name in ("_failed_nodes", "_failed_targets", "_contacts"):
+            setattr(self, name, _doubled(getattr(self, name)))
+
+
+def _doubled(array: NDArray) -> NDArray:
+    grown = np.zeros((2 * array.shape[0], *array.shape[1:]), array.dtype)
+    grown[: array.shape[0]] = array
+    return grown
