@@ -1,9 +1,9 @@
 """guided-gym: guided motion planning as a learning problem.
 
-A search tree is observed, a node is chosen, and the choice is rewarded by its sampling efficiency against an
-oracle's target distribution. This package is the paper's framework: problems, search tree, guiding spaces, oracle
-and metric. The Gymnasium side is in `guided_gym.envs` (its ids are registered on import), policies are in
-`guided_gym.agents`, programs in `guided_gym.train`.
+A search tree is observed, a node is chosen, and the choice is rewarded by its sampling efficiency against
+an oracle's target distribution. This package is the paper's framework: problems, search tree, guiding spaces,
+oracle and metric. The Gymnasium side is in `guided_gym.envs` (its ids are registered on import), policies are
+in `guided_gym.agents`, programs in `guided_gym.train`.
 """
 
 from __future__ import annotations

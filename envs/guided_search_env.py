@@ -1,0 +1,427 @@
+"""Guided search as a Gymnasium environment: the tree is observed, a node chosen, the choice rewarded."""
+
+from __future__ import annotations
+
+import copy
+import operator
+from typing import TYPE_CHECKING, Any, ClassVar, Final, SupportsFloat
+
+import gymnasium
+import numpy as np
+from gymnasium import spaces
+from numpy.typing import NDArray
+
+from guided_gym.draws import draw_problem
+from guided_gym.efficiency import DEFAULT_TARGET, TargetParameters, sampling_efficiency
+from guided_gym.envs.catalogue import make_distribution
+from guided_gym.envs.observations import Observation, Observer, TreeObservation, valid_nodes
+from guided_gym.envs.rewards import Choice, Reward, make_reward
+from guided_gym.errors import GuidedGymError, InvalidInputError, UnknownNameError
+from guided_gym.guidance import make_guidance
+from guided_gym.guidance.base import GuidingSpace, draw
+from guided_gym.local_planner import DEFAULT_CANDIDATES
+from guided_gym.problems import FixedProblem, Problem, ProblemDistribution
+from guided_gym.search import Search, SearchOptions, spawn
+
+if TYPE_CHECKING:
+    from guided_gym.envs.rendering import Renderer
+
+Action = int | NDArray[Any]
+
+ACTIONS: Final = ("node", "distribution")
+ON_INVALID: Final = ("noop", "raise")
+OPTIONS: Final = (
+    "distribution",
+    "max_nodes",
+    "max_samples",
+    "expansion",
+    "action",
+    "reward",
+    "on_invalid",
+    "step",
+    "candidates",
+    "goal_tolerance",
+    "rewire",
+    "target",
+    "observe",
+    "raster",
+    "target_in_info",
+    "render_mode",
+)
+
+
+class GuidedSearchEnv(gymnasium.Env[Observation, Action]):
+    """A growing search tree: choose the node to expand, and be rewarded by how well chosen it was.
+
+    Description:
+        One episode is one guided search (paper, Algorithm 1) for a problem drawn from a distribution. Each
+        step is one sample: the chosen node is expanded towards a configuration in its neighbourhood; if the
+        motion is certified free the tree grows by a node, if not the failure is recorded.
+
+    Action space:
+        ``action="node"``: ``Discrete(max_nodes)``, the node to expand. Valid are the nodes that there are
+        (``observation["action_mask"]``, `action_masks`); there is always one.
+        ``action="distribution"``: ``Box(0, 1, (max_nodes,))``, a weight for each node. Weights beyond the
+        tree are ignored, the others are normalised to P (all of them zero: P is uniform), and the
+        environment draws the node from P.
+
+    Observation space:
+        A flat ``Dict`` of padded arrays, see `guided_gym.envs.observations.TreeObservation`; or what
+        ``observe`` gives. A PPO buffer over it takes
+        ``4 * environments * steps * (max_nodes * (F + 3) + raster**2 + 16)`` bytes, F = 14 features: 555 MB
+        for 8 environments x 2,048 steps at the defaults (`guided_gym.envs.observations.rollout_bytes`).
+
+    Rewards:
+        ``reward="efficiency"``: -SE, which is -D_KL(P || Q) against the smoothed target Q on the tree as it
+        stood, so log Q(u) for a chosen node u. ``reward="jensen_shannon"``: -D_JS(P || Q).
+        0 after the search has finished.
+
+    Invalid actions:
+        A node that there is not, or weights that are negative or not numbers, change nothing but count as a
+        sample; the reward is the worst there is, log epsilon (for Jensen-Shannon, -log 2), and
+        ``info["invalid_action"]`` is True. ``on_invalid="raise"`` raises instead.
+
+    Episode end:
+        Terminated when a node has a valid edge to the goal; truncated after ``max_samples`` steps. Further
+        steps change nothing and earn 0. If the start of a given problem sees the goal, the search has
+        finished before it began: the first step terminates and earns 0. Of a distribution, problems like
+        that and problems without a path are drawn again.
+
+    Info:
+        Scalars: solved, samples, nodes, collision_checks, invalid_action; after a step also
+        sampling_efficiency, best_possible (-log max Q) and, if the problem names regions, region (of the
+        chosen node, "" outside all); at the end cost (length of the path). With ``target_in_info`` also
+        target, the (max_nodes,) Q over the observed tree, padded with zeros: it comes from the oracle and
+        is meant for imitation learning.
+
+    Randomness:
+        ``reset(seed=k)`` gives the tree that ``guided_search(problem, guidance, seed=k)`` gives, if the same
+        nodes are chosen.
+
+    ``reset(options={"problem": problem})`` searches any `Problem`, for one episode.
+
+    Args:
+        distribution: Name in the catalogue, a distribution, or a problem.
+        max_nodes: Size of the padded arrays and of the action space.
+        max_samples: Steps until truncation; None for max_nodes - 2.
+        expansion: Who proposes the configuration: ``"uniform"`` in the ball around the node, or a guiding
+            space (a name, or an instance that is copied).
+        action: ``"node"`` or ``"distribution"``.
+        reward: ``"efficiency"``, ``"jensen_shannon"`` or an object like `guided_gym.envs.rewards.Reward`.
+        on_invalid: ``"noop"`` or ``"raise"``.
+        step: Radius of the ball; None for 5 % of the workspace's diagonal.
+        candidates: Members of the ball that a guided expansion looks at.
+        goal_tolerance: The search also ends this near to the goal.
+        rewire: Rewire the tree as RRT* does.
+        target: Parameters of the target distribution Q.
+        observe: What is observed, an object like `guided_gym.envs.observations.Observer` (copied); None for
+            the default.
+        raster: Cells along each side of the default observation's raster.
+        target_in_info: Whether info holds the target.
+        render_mode: ``"rgb_array"``, ``"human"`` or None.
+
+    Raises:
+        UnknownNameError: An unknown name or option; the nearest one is suggested.
+        InvalidInputError: A value that cannot be used.
+    """
+
+    metadata: ClassVar[dict[str, Any]] = {"render_modes": ["human", "rgb_array"], "render_fps": 30}
+
+    def __init__(
+        self,
+        distribution: str | ProblemDistribution | Problem = "SimplePassage",
+        *,
+        max_nodes: int = 256,
+        max_samples: int | None = None,
+        expansion: str | GuidingSpace = "uniform",
+        action: str = "node",
+        reward: str | Reward = "efficiency",
+        on_invalid: str = "noop",
+        step: float | None = None,
+        candidates: int = DEFAULT_CANDIDATES,
+        goal_tolerance: float = 0.0,
+        rewire: bool = False,
+        target: TargetParameters = DEFAULT_TARGET,
+        observe: Observer | None = None,
+        raster: int = 64,
+        target_in_info: bool = False,
+        render_mode: str | None = None,
+        **unknown: object,
+    ) -> None:
+        for name in unknown:
+            raise UnknownNameError("option", name, OPTIONS)
+        _check_choice("action", action, ACTIONS)
+        _check_choice("on_invalid", on_invalid, ON_INVALID)
+        _check_choice("render_mode", render_mode, (None, *self.metadata["render_modes"]))
+        self.max_nodes, self.max_samples = _checked_sizes(max_nodes, max_samples)
+        self.distribution = _as_distribution(distribution)
+        self.options = SearchOptions(step, candidates, goal_tolerance, rewire, _checked_target(target))
+        self.expansion = expansion  # as it was asked for; `expander` is who does it
+        self.expander = _own_expander(expansion)
+        self.action = action
+        self.target_in_info = target_in_info
+        self.render_mode = render_mode
+        self._reward = make_reward(reward)
+        self._raises = on_invalid == "raise"
+        self._observer: Observer = TreeObservation(raster) if observe is None else copy.deepcopy(observe)
+        self.observation_space = self._observer.build(self.max_nodes, self.max_samples)
+        self.action_space = (
+            spaces.Discrete(self.max_nodes)
+            if action == "node"
+            else spaces.Box(0.0, 1.0, (self.max_nodes,), np.float32)
+        )
+        self._search: Search | None = None
+        self._renderer: Renderer | None = None
+
+    # The search, for those who need more than the observation ---------------------------------------------
+
+    @property
+    def search(self) -> Search:
+        """The search in progress; a new object after each reset.
+
+        Raises:
+            GuidedGymError: There was no reset yet.
+        """
+        if self._search is None:
+            raise GuidedGymError("expected a search in progress, got an environment before its first reset()")
+        return self._search
+
+    @property
+    def problem(self) -> Problem:
+        """The problem of this episode."""
+        return self.search.problem
+
+    def attach(self, guidance: GuidingSpace) -> None:
+        """Prepare a guiding space for this search and let it learn from each step; once is enough."""
+        if not any(listener is guidance for listener in self.search.listeners):
+            self.search.attach(guidance)
+
+    def action_masks(self) -> NDArray[np.bool_]:
+        """(max_nodes,) bool, True for the nodes that may be expanded (the name MaskablePPO looks for)."""
+        return valid_nodes(self.search, self.max_nodes)
+
+    # Gymnasium --------------------------------------------------------------------------------------------
+
+    def reset(
+        self, *, seed: int | None = None, options: dict[str, Any] | None = None
+    ) -> tuple[Observation, dict[str, Any]]:
+        """Begin a search.
+
+        Args:
+            seed: Seed of this and all later episodes; None to go on with the random numbers of the last.
+            options: ``{"problem": Problem}`` to search that one instead of drawing one.
+
+        Raises:
+            NoPathError: The problem has no path.
+            UnknownNameError: An unknown option.
+            InvalidInputError: ``options["problem"]`` is not a problem.
+        """
+        distribution = self._distribution_for(options)
+        super().reset(seed=seed)
+        problem_rng, expansion_rng, guidance_rng = spawn(self.np_random)
+        problem = draw_problem(distribution, problem_rng, self.options.goal_tolerance)
+        search = Search(problem, expansion_rng, guidance_rng, self.options, self.max_nodes)
+        search.tracker.optimum  # noqa: B018  solves the oracle: no path, no episode
+        self._observer.reset(search)
+        self._search = search
+        self._invalid = 0
+        self._efficiency = 0.0
+        self._terminated, self._truncated = search.solved, False
+        self._regions: dict[int, str] = {}
+        if self.render_mode == "human":
+            self.render()
+        return self._observer.extract(search), self._info(invalid=False)
+
+    def step(self, action: Action) -> tuple[Observation, SupportsFloat, bool, bool, dict[str, Any]]:
+        """One sample: expand the chosen node.
+
+        Raises:
+            InvalidInputError: An action of the wrong type or shape; with ``on_invalid="raise"``, an
+                invalid one.
+            GuidedGymError: There was no reset yet.
+        """
+        search = self.search
+        if self._terminated or self._truncated:
+            info = self._info(invalid=False) | {"sampling_efficiency": 0.0, "best_possible": 0.0}
+            return self._observer.extract(search), 0.0, self._terminated, self._truncated, info
+        choice = self._choose(search, action)
+        if choice is None:
+            reward = self._reward.worst(self.options.target)
+            self._invalid += 1
+            measured = {
+                "sampling_efficiency": float(-np.log(self.options.target.epsilon)),
+                "best_possible": search.tracker.choice(0)[1],
+            }
+        else:
+            reward = self._reward(choice)
+            measured = {
+                "sampling_efficiency": choice.sampling_efficiency,
+                "best_possible": choice.best_possible,
+            }
+            self._observer.update(search, search.expand(choice.node, self._propose(search, choice.node)))
+        self._efficiency = measured["sampling_efficiency"]
+        self._terminated = search.solved
+        self._truncated = not search.solved and search.samples + self._invalid >= self.max_samples
+        info = self._info(invalid=choice is None) | measured
+        if choice is not None and search.problem.regions:
+            info["region"] = self._region(search, choice.node)
+        if self.render_mode == "human":
+            self.render()
+        return self._observer.extract(search), float(reward), self._terminated, self._truncated, info
+
+    def render(self) -> NDArray[np.uint8] | None:  # type: ignore[override]
+        """A picture of the search: (H, W, 3) uint8 for ``"rgb_array"``, in a window for ``"human"``.
+
+        Raises:
+            GuidedGymError: pygame is not installed, or there was no reset yet.
+        """
+        if self.render_mode is None:
+            gymnasium.logger.warn('render() needs a render_mode: gym.make(id, render_mode="rgb_array")')
+            return None
+        if self._renderer is None:
+            from guided_gym.envs.rendering import Renderer
+
+            self._renderer = Renderer(fps=self.metadata["render_fps"])
+        if self.render_mode == "human":
+            self._renderer.show(self.search, efficiency=self._efficiency)
+            return None
+        return self._renderer.frame(self.search, efficiency=self._efficiency)
+
+    def close(self) -> None:
+        """Close the window, if there is one; may be called again."""
+        if self._renderer is not None:
+            self._renderer.close()
+            self._renderer = None
+
+    # Parts of a step --------------------------------------------------------------------------------------
+
+    def _distribution_for(self, options: dict[str, Any] | None) -> ProblemDistribution:
+        for name in options or ():
+            if name != "problem":
+                raise UnknownNameError("reset option", name, ["problem"])
+        if not options:
+            return self.distribution
+        problem = options["problem"]
+        if not isinstance(problem, Problem):
+            raise InvalidInputError(f"options['problem']: expected a Problem, got {problem!r}")
+        return FixedProblem(problem)
+
+    def _propose(self, search: Search, node: int) -> NDArray[np.float64]:
+        if self.expander is None:
+            return search.planner.uniform(search.tree._configurations[node])
+        # Attached only now, after whoever selects: `guided_search` does it in this order too.
+        self.attach(self.expander)
+        return self.expander.propose(search.tree, node)
+
+    def _choose(self, search: Search, action: Action) -> Choice | None:
+        """The measured choice that an action stands for; None for an invalid one."""
+        if self.action == "node":
+            node = _as_index(action)
+            if not 0 <= node < len(search.tree):
+                return self._refuse(f"a node from 0 to {len(search.tree) - 1}", node)
+            efficiency, best = search.tracker.choice(node)
+            return Choice(search, node, None, efficiency, best)
+        weights = np.asarray(action, np.float64)
+        if weights.shape != (self.max_nodes,):
+            raise InvalidInputError(f"action: expected {self.max_nodes} weights, got shape {weights.shape}")
+        weights = weights[: len(search.tree)]
+        if not (np.isfinite(weights).all() and (weights >= 0).all()):
+            return self._refuse("finite weights >= 0", action)
+        p = weights / weights.sum() if weights.any() else np.full(weights.size, 1 / weights.size)
+        q = search.tracker.distribution()
+        return Choice(search, draw(p, self.np_random), p, sampling_efficiency(p, q), -float(np.log(q.max())))
+
+    def _refuse(self, expected: str, action: object) -> None:
+        if self._raises:
+            raise InvalidInputError(f"action: expected {expected}, got {action!r}")
+
+    def _info(self, invalid: bool) -> dict[str, Any]:
+        search = self.search
+        info: dict[str, Any] = {
+            "solved": search.solved,
+            "samples": search.samples + self._invalid,
+            "nodes": len(search.tree),
+            "collision_checks": search.collision_checks,
+            "invalid_action": invalid,
+        }
+        if search.solved:
+            path = search.path()
+            info["cost"] = 0.0 if path is None else float(search.space.distance(path[:-1], path[1:]).sum())
+        if self.target_in_info:
+            q = search.tracker.distribution()
+            info["target"] = np.concatenate([q, np.zeros(self.max_nodes - q.size)])
+        return info
+
+    def _region(self, search: Search, node: int) -> str:
+        """Name of the region that a node's reference point is in; "" outside all."""
+        if node not in self._regions:
+            from shapely import intersects_xy
+
+            x, y = search.tree._configurations[node, :2].tolist()
+            inside = (name for name, area in search.problem.regions.items() if intersects_xy(area, x, y))
+            self._regions[node] = next(inside, "")
+        return self._regions[node]
+
+
+def _check_choice(option: str, value: object, known: tuple[str | None, ...]) -> None:
+    if value not in known:
+        raise UnknownNameError(option, value, [str(name) for name in known])
+
+
+def _checked_sizes(max_nodes: int, max_samples: int | None) -> tuple[int, int]:
+    for name, value, least in (("max_nodes", max_nodes, 3), ("max_samples", max_samples, 1)):
+        if value is None:
+            continue
+        if not isinstance(value, int | np.integer) or isinstance(value, bool) or value < least:
+            raise InvalidInputError(f"{name}: expected an integer >= {least}, got {value!r}")
+    if max_samples is None:
+        return int(max_nodes), int(max_nodes) - 2
+    if max_nodes < max_samples + 1:
+        raise InvalidInputError(
+            f"max_nodes: expected at least max_samples + 1 = {max_samples + 1} (the root and a node per "
+            f"sample), got {max_nodes}"
+        )
+    return int(max_nodes), int(max_samples)
+
+
+def _checked_target(target: TargetParameters) -> TargetParameters:
+    if not isinstance(target, TargetParameters):
+        raise InvalidInputError(f"target: expected TargetParameters, got {target!r}")
+    if target.epsilon == 0:
+        raise InvalidInputError("target: expected epsilon > 0 (log epsilon is a reward), got 0")
+    return target
+
+
+def _as_distribution(distribution: str | ProblemDistribution | Problem) -> ProblemDistribution:
+    if isinstance(distribution, str):
+        return make_distribution(distribution)
+    if isinstance(distribution, Problem):
+        return FixedProblem(distribution)
+    if not isinstance(distribution, ProblemDistribution):
+        raise InvalidInputError(
+            f"distribution: expected a name, a ProblemDistribution or a Problem, got {distribution!r}"
+        )
+    return distribution
+
+
+def _own_expander(expansion: str | GuidingSpace) -> GuidingSpace | None:
+    """The guiding space that proposes; None for uniform.
+
+    An instance is copied, since ``gym.make_vec`` gives one and the same to each of its environments.
+    """
+    if expansion == "uniform":
+        return None
+    if not isinstance(expansion, str | GuidingSpace):
+        raise InvalidInputError(
+            f"expansion: expected 'uniform' or a guiding space or its name, got {expansion!r}"
+        )
+    return make_guidance(expansion) if isinstance(expansion, str) else copy.deepcopy(expansion)
+
+
+def _as_index(action: Action) -> int:
+    if isinstance(action, np.ndarray) and action.size == 1:
+        action = action.item()
+    try:
+        return operator.index(action)  # type: ignore[arg-type]
+    except TypeError:
+        raise InvalidInputError(f"action: expected the index of a node, got {action!r}") from None

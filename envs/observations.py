@@ -1,0 +1,259 @@
+"""What is observed of a search: padded arrays of its tree, task and workspace; nothing of the oracle."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from enum import IntEnum
+from typing import Final, Protocol
+
+import numpy as np
+from gymnasium import spaces
+from numpy.typing import NDArray
+
+from guided_gym.environment import Environment
+from guided_gym.errors import InvalidInputError
+from guided_gym.search import Expansion, Search
+from guided_gym.tree import NO_PARENT
+
+Observation = dict[str, NDArray]
+
+
+class NodeColumn(IntEnum):
+    """Columns of the node features.
+
+    "Unit" is the diameter of C: the distance between two corners of the bounds half a turn apart.
+    """
+
+    X = 0  # position, -1 to 1 across the bounds
+    Y = 1
+    COS = 2  # of the heading; 1 for a robot that cannot turn
+    SIN = 3
+    GOAL_X = 4  # goal - node, 1 = the width of the bounds
+    GOAL_Y = 5
+    GOAL_COS = 6  # of the turn to the goal's heading
+    GOAL_SIN = 7
+    GOAL_DISTANCE = 8  # d_X to the goal, obstacles ignored, in units
+    COST_TO_COME = 9  # d_T(s, v) in units, clipped at 4
+    DEPTH = 10  # edges from the root; counts are log(1 + count) / log(1 + max_samples)
+    CHILDREN = 11  # count
+    FAILURES = 12  # failed expansions, count
+    CLEARANCE = 13  # distance of the placed robot to the nearest obstacle or bound; 1 = half the shorter side
+
+
+COLUMNS: Final = len(NodeColumn)
+MAX_COST: Final = 4.0
+_SIGNED: Final = (
+    NodeColumn.X,
+    NodeColumn.Y,
+    NodeColumn.COS,
+    NodeColumn.SIN,
+    NodeColumn.GOAL_X,
+    NodeColumn.GOAL_Y,
+    NodeColumn.GOAL_COS,
+    NodeColumn.GOAL_SIN,
+)
+
+
+class Observer(Protocol):
+    """Turns a search into observations. Has buffers, so each environment needs one of its own."""
+
+    def build(self, max_nodes: int, max_samples: int) -> spaces.Dict:
+        """Allocate for trees of that size; returns the observation space. Called once."""
+
+    def reset(self, search: Search) -> None:
+        """A new search begins."""
+
+    def update(self, search: Search, expansion: Expansion) -> None:
+        """The search was expanded."""
+
+    def extract(self, search: Search) -> Observation:
+        """The observation: fresh arrays, in the observation space."""
+
+
+def valid_nodes(search: Search, max_nodes: int) -> NDArray[np.bool_]:
+    """(max_nodes,) bool, True for the nodes that may be expanded: all there are, so never none."""
+    mask = np.zeros(max_nodes, np.bool_)
+    mask[: len(search.tree)] = True
+    return mask
+
+
+def node_table(observation: Mapping[str, NDArray], columns: int = COLUMNS) -> NDArray[np.float32]:
+    """The node features of an observation (or of a batch) as a table: (..., N * F) to (..., N, F)."""
+    nodes = observation["nodes"]
+    return nodes.reshape(*nodes.shape[:-1], -1, columns)
+
+
+def rollout_bytes(max_nodes: int = 256, raster: int = 64, environments: int = 8, steps: int = 2048) -> int:
+    """Bytes of a PPO rollout buffer over the default observation, with masks.
+
+    ``4 * environments * steps * (max_nodes * (F + 3) + raster**2 + 16)`` with F = `COLUMNS`, since
+    stable-baselines3 keeps all observations and masks as float32. Per node F features, the parent, the mask
+    in the observation and the mask kept by MaskablePPO; 8 numbers for start and goal; 8 for action (twice as
+    wide), reward, return, episode start, value, log-probability and advantage. 555 MB at the defaults;
+    sampling from the buffer copies it once, key by key.
+    """
+    per_step = max_nodes * (COLUMNS + 3) + raster**2 + 16
+    return 4 * environments * steps * per_step
+
+
+class TreeObservation:
+    """The default observation: a flat Dict of padded arrays.
+
+    ============  ==========================  ========================================================
+    key           shape, dtype                content
+    ============  ==========================  ========================================================
+    nodes         (max_nodes * F,) float32    features of node i at ``[i * F + column]``, columns as in
+                                              `NodeColumn`, zeros beyond the tree; `node_table` gives
+                                              (max_nodes, F)
+    parents       (max_nodes,) int32          parent of each node, -1 at the root and beyond the tree
+    action_mask   (max_nodes,) int8           1 for the nodes that may be expanded: all there are
+    start, goal   (4,) float32                x, y, cos, sin, scaled like the nodes
+    raster        (1, raster, raster) uint8   the workspace: 255 where a cell's centre is in an obstacle;
+                                              row 0 is the bottom, column 0 the left
+    ============  ==========================  ========================================================
+
+    The table of nodes is flat since stable-baselines3 takes vectors and images, and warns of all else.
+    For robots with two position coordinates and at most one angle; inject another observer for others.
+
+    Args:
+        raster: Cells along each side of the raster.
+
+    Raises:
+        InvalidInputError: raster is not positive.
+    """
+
+    def __init__(self, raster: int = 64) -> None:
+        if raster < 1:
+            raise InvalidInputError(f"raster: expected at least 1 cell a side, got {raster!r}")
+        self._raster = raster
+        self._drawn: tuple[Environment, NDArray[np.uint8]] | None = None
+
+    def build(self, max_nodes: int, max_samples: int) -> spaces.Dict:
+        """Allocate the buffers; returns the observation space."""
+        self._max_nodes = max_nodes
+        self._nodes = np.zeros((max_nodes, COLUMNS), np.float32)
+        self._parents = np.full(max_nodes, NO_PARENT, np.int32)
+        self._counts: list[float] = (
+            (np.log1p(np.arange(max_samples + 2)) / math.log1p(max(max_samples, 1))).clip(max=1).tolist()
+        )
+        low, high = np.zeros(COLUMNS, np.float32), np.ones(COLUMNS, np.float32)
+        low[list(_SIGNED)] = -1
+        high[NodeColumn.COST_TO_COME] = MAX_COST
+        n = self._raster
+        return spaces.Dict(
+            {
+                "nodes": spaces.Box(np.tile(low, max_nodes), np.tile(high, max_nodes), dtype=np.float32),
+                "parents": spaces.Box(NO_PARENT, max_nodes - 1, (max_nodes,), np.int32),
+                "action_mask": spaces.Box(0, 1, (max_nodes,), np.int8),
+                "start": spaces.Box(-1, 1, (4,), np.float32),
+                "goal": spaces.Box(-1, 1, (4,), np.float32),
+                "raster": spaces.Box(0, 255, (1, n, n), np.uint8),
+            }
+        )
+
+    def reset(self, search: Search) -> None:
+        """Forget the last search; fix the scales of this one.
+
+        Raises:
+            InvalidInputError: A robot that these columns cannot describe.
+        """
+        space = search.space
+        angles = np.flatnonzero(space.periods)
+        if space.dimension - angles.size != 2 or angles.size > 1:
+            raise InvalidInputError(
+                "observe: TreeObservation describes two position coordinates and at most one angle, got a "
+                f"robot of {space.dimension} dimensions, {angles.size} of them angles; pass your own observer"
+            )
+        self._angle = int(angles[0]) if angles.size else -1
+        lower, size = space.lower[:2], (space.upper - space.lower)[:2]
+        self._low, self._size = lower.tolist(), size.tolist()
+        self._goal: list[float] = search.goal.tolist()
+        self._turn_weight = float(space.weights[self._angle]) if angles.size else 0.0
+        self._unit = math.hypot(*self._size, math.pi * self._turn_weight)
+        self._room = min(self._size) / 2
+        self._nodes.fill(0.0)
+        self._parents.fill(NO_PARENT)
+        self._n = 0
+        self._rewirings = search.tree.rewirings
+        self._ends = {"start": self._pose(search.start), "goal": self._pose(search.goal)}
+        self._add_nodes(search)
+
+    def update(self, search: Search, expansion: Expansion) -> None:
+        """Write the new node and the counts of the expanded one; of all nodes, if the tree was rewired."""
+        tree = search.tree
+        self._add_nodes(search)
+        if tree.rewirings != self._rewirings:
+            self._rewirings = tree.rewirings
+            for i in range(self._n):
+                self._write_place_in_tree(search, i)
+        else:
+            self._write_place_in_tree(search, expansion.node)
+
+    def extract(self, search: Search) -> Observation:
+        """Fresh copies of all arrays."""
+        return {
+            "nodes": self._nodes.ravel().copy(),
+            "parents": self._parents.copy(),
+            "action_mask": valid_nodes(search, self._max_nodes).view(np.int8),
+            "start": self._ends["start"].copy(),
+            "goal": self._ends["goal"].copy(),
+            "raster": self._workspace(search.problem.environment).copy(),
+        }
+
+    def _add_nodes(self, search: Search) -> None:
+        for i in range(self._n, len(search.tree)):
+            self._write_configuration(search, i)
+            self._write_place_in_tree(search, i)
+        self._n = len(search.tree)
+
+    def _write_configuration(self, search: Search, i: int) -> None:
+        """The columns that depend on the configuration alone, so are written once."""
+        q = search.tree._configurations[i]
+        values, goal = q.tolist(), self._goal
+        (x0, y0), (width, height) = self._low, self._size
+        angle = values[self._angle] if self._angle >= 0 else 0.0
+        turn = goal[self._angle] - angle if self._angle >= 0 else 0.0
+        dx, dy = goal[0] - values[0], goal[1] - values[1]
+        short_turn = math.remainder(turn, 2 * math.pi)
+        self._nodes[i] = (
+            _clip(2 * (values[0] - x0) / width - 1, -1.0),
+            _clip(2 * (values[1] - y0) / height - 1, -1.0),
+            math.cos(angle),
+            math.sin(angle),
+            _clip(dx / width, -1.0),
+            _clip(dy / height, -1.0),
+            math.cos(turn),
+            math.sin(turn),
+            _clip(math.hypot(dx, dy, self._turn_weight * short_turn) / self._unit, 0.0),
+            0.0,
+            0.0,
+            0.0,
+            0.0,
+            _clip(float(search.space.clearance(q)) / self._room, 0.0),
+        )
+
+    def _write_place_in_tree(self, search: Search, i: int) -> None:
+        """The columns that change while the tree grows."""
+        tree, row, counts = search.tree, self._nodes[i], self._counts
+        last = len(counts) - 1
+        row[NodeColumn.COST_TO_COME] = min(float(tree._costs[i]) / self._unit, MAX_COST)
+        row[NodeColumn.DEPTH] = counts[min(int(tree._depths[i]), last)]
+        row[NodeColumn.CHILDREN] = counts[min(int(tree._children[i]), last)]
+        row[NodeColumn.FAILURES] = counts[min(int(tree._failures[i]), last)]
+        self._parents[i] = tree._parents[i]
+
+    def _pose(self, q: NDArray[np.float64]) -> NDArray[np.float32]:
+        angle = float(q[self._angle]) if self._angle >= 0 else 0.0
+        x, y = (2 * (float(q[k]) - self._low[k]) / self._size[k] - 1 for k in (0, 1))
+        return np.array([_clip(x, -1.0), _clip(y, -1.0), math.cos(angle), math.sin(angle)], np.float32)
+
+    def _workspace(self, environment: Environment) -> NDArray[np.uint8]:
+        if self._drawn is None or self._drawn[0] is not environment:
+            cells = environment.raster(self._raster)[np.newaxis] * np.uint8(255)
+            self._drawn = (environment, cells)
+        return self._drawn[1]
+
+
+def _clip(value: float, low: float) -> float:
+    return low if value < low else min(value, 1.0)

@@ -1,0 +1,54 @@
+"""Wrappers: the observation in other shapes."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import gymnasium
+import numpy as np
+from gymnasium import spaces
+from numpy.typing import NDArray
+
+from guided_gym.envs.observations import COLUMNS, MAX_COST, NodeColumn, node_table
+from guided_gym.errors import InvalidInputError
+
+
+class GraphObservation(gymnasium.ObservationWrapper[spaces.GraphInstance, Any, dict[str, NDArray]]):
+    """The tree as a ``gymnasium.spaces.Graph``, without padding.
+
+    Nodes (n, F) float32 have the columns of `guided_gym.envs.observations.NodeColumn`; node i is action i,
+    so every node shown may be chosen. There is an edge (parent, child) for each node but the root, in the
+    order of the children, with one feature: its length in the unit of the cost-to-come.
+
+    stable-baselines3 takes no graphs, and vector environments keep them as a tuple (asynchronous ones need
+    ``shared_memory=False``).
+
+    Args:
+        env: An environment with the default observation.
+
+    Raises:
+        InvalidInputError: Another observation.
+    """
+
+    def __init__(self, env: gymnasium.Env[dict[str, NDArray], Any]) -> None:
+        super().__init__(env)
+        space = env.observation_space
+        if not (isinstance(space, spaces.Dict) and {"nodes", "parents", "action_mask"} <= set(space.spaces)):
+            raise InvalidInputError(f"GraphObservation: expected the default observation, got {space}")
+        nodes = space["nodes"]
+        assert isinstance(nodes, spaces.Box)
+        low, high = nodes.low[:COLUMNS], nodes.high[:COLUMNS]
+        self.observation_space = spaces.Graph(
+            node_space=spaces.Box(low, high, dtype=np.float32),
+            edge_space=spaces.Box(0.0, MAX_COST, (1,), np.float32),
+        )
+
+    def observation(self, observation: dict[str, NDArray]) -> spaces.GraphInstance:
+        """The graph of one observation."""
+        n = int(observation["action_mask"].sum())
+        nodes = node_table(observation)[:n]
+        children = np.arange(1, n, dtype=np.int32)
+        parents = observation["parents"][1:n]
+        cost = nodes[:, NodeColumn.COST_TO_COME]
+        lengths = np.maximum(cost[children] - cost[parents], 0.0)[:, np.newaxis]
+        return spaces.GraphInstance(nodes, lengths, np.stack([parents, children], axis=1))

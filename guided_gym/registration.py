@@ -1,0 +1,29 @@
+"""The Gymnasium ids, as a table; registered when `guided_gym` is imported."""
+
+from __future__ import annotations
+
+from typing import Final
+
+import gymnasium
+
+# By string, so that the core does not import the environment, which stands above it.
+ENTRY_POINT: Final = "guided_gym.envs.guided_search_env:GuidedSearchEnv"
+
+# id -> name in `guided_gym.envs.catalogue`. Behaviour changes of an environment need a new version suffix.
+ENVIRONMENTS: Final[dict[str, str]] = {
+    "guided_gym/SimplePassage-v0": "SimplePassage",
+    "guided_gym/Cup-v0": "Cup",
+    "guided_gym/Trap-v0": "Trap",
+    "guided_gym/TrapCup-v0": "TrapCup",
+    "guided_gym/RandomSimplePassage-v0": "RandomSimplePassage",
+}
+
+
+def register_environments() -> None:
+    """Register every id of `ENVIRONMENTS`; those already there are left alone.
+
+    No step limit is registered: the environment truncates by itself, at ``max_samples``.
+    """
+    for name, distribution in ENVIRONMENTS.items():
+        if name not in gymnasium.registry:
+            gymnasium.register(name, entry_point=ENTRY_POINT, kwargs={"distribution": distribution})
