@@ -6,14 +6,12 @@ text only, so loading one never runs code. `guided_gym.database_build` fills it 
 
 from __future__ import annotations
 
-import contextlib
 import importlib.metadata
 import json
 import sqlite3
 import sys
-import time
 import zlib
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable
 from dataclasses import dataclass
 from pathlib import Path
 from types import TracebackType
@@ -24,34 +22,36 @@ import shapely
 from numpy.typing import ArrayLike
 
 from guided_gym.errors import InvalidInputError, StorageError
-from guided_gym.path_library import FloatArray, PathLibrary, checked_metric, checked_path, path_length
+from guided_gym.kernels.nearest import checked_metric
+from guided_gym.path_library import FloatArray, PathLibrary, checked_path, path_length
+from guided_gym.sqlite_file import FileFormat, connect, storage_errors, transaction
 
 if TYPE_CHECKING:
     from guided_gym.space import ConfigurationSpace
 
-FORMAT = "guided-gym path database"
-FORMAT_VERSION = 1
-APPLICATION_ID = 0x47475044  # "GGPD", in the SQLite header: tells our files from other programs'
-BUSY_TIMEOUT = 30.0  # seconds that a writer waits for another one
-
-_SQLITE_MAGIC = b"SQLite format 3\x00"
-_MAX_SEED = 2**63 - 1
-_SCHEMA = (
-    "CREATE TABLE meta (key TEXT PRIMARY KEY, value TEXT NOT NULL)",  # values are JSON
-    # Blobs are little-endian float64: start (d,), goal (d,), waypoints (n, d); checksum is their CRC-32.
-    """CREATE TABLE paths (
-        id INTEGER PRIMARY KEY,
-        seed INTEGER NOT NULL UNIQUE,
-        start BLOB NOT NULL,
-        goal BLOB NOT NULL,
-        waypoints BLOB NOT NULL,
-        length REAL NOT NULL,
-        checksum INTEGER NOT NULL,
-        created_by TEXT NOT NULL
-    )""",
-    # Problems that were tried in vain, so that a build does not try them for ever.
-    "CREATE TABLE unsolved (seed INTEGER PRIMARY KEY, created_by TEXT NOT NULL)",
+FORMAT = FileFormat(
+    name="guided-gym path database",
+    application_id=0x47475044,  # "GGPD"
+    version=1,
+    schema=(
+        "CREATE TABLE meta (key TEXT PRIMARY KEY, value TEXT NOT NULL)",  # values are JSON
+        # Blobs are little-endian float64: start (d,), goal (d,), waypoints (n, d); checksum is their CRC-32.
+        """CREATE TABLE paths (
+            id INTEGER PRIMARY KEY,
+            seed INTEGER NOT NULL UNIQUE,
+            start BLOB NOT NULL,
+            goal BLOB NOT NULL,
+            waypoints BLOB NOT NULL,
+            length REAL NOT NULL,
+            checksum INTEGER NOT NULL,
+            created_by TEXT NOT NULL
+        )""",
+        # Problems that were tried in vain, so that a build does not try them for ever.
+        "CREATE TABLE unsolved (seed INTEGER PRIMARY KEY, created_by TEXT NOT NULL)",
+    ),
 )
+
+_MAX_SEED = 2**63 - 1
 
 
 @dataclass(frozen=True)
@@ -68,7 +68,7 @@ class DatabaseHeader:
         """Make a header from arrays.
 
         Raises:
-            InvalidInputError: weights and periods differ in shape or are not finite and >= 0.
+            InvalidInputError: weights and periods differ in shape, or are not finite and > 0 (>= 0).
         """
         checked_weights, checked_periods = checked_metric(weights, periods)
         return cls(str(name), str(robot), tuple(checked_weights.tolist()), tuple(checked_periods.tolist()))
@@ -110,10 +110,15 @@ class PathDatabase:
     any number of processes may open the file at once.
     """
 
-    def __init__(self, path: Path, connection: sqlite3.Connection, header: DatabaseHeader) -> None:
+    def __init__(self, path: Path, connection: sqlite3.Connection) -> None:
+        """Take over a connection, see `create` and `open`."""
         self.path = path
-        self.header = header
         self._connection = connection
+        try:
+            self.header = _read_header(path, self._rows("SELECT key, value FROM meta"))
+        except BaseException:
+            self.close()
+            raise
 
     @classmethod
     def create(
@@ -140,22 +145,22 @@ class PathDatabase:
             StorageError: the file exists (unless exist_ok), is foreign, or cannot be written.
             InvalidInputError: weights or periods are not usable, or an existing database disagrees.
         """
-        path = Path(path)
         header = DatabaseHeader.of(name, robot, weights, periods)
-        if path.exists() and not path.is_file():
-            raise StorageError(f"expected a file to create a path database in, got {path}, which is none")
-        if not path.parent.is_dir():
-            raise StorageError(f"expected an existing folder to create {path.name} in, got {path.parent}")
-        if path.exists() and path.stat().st_size > 0:
-            _check_magic(path)
-        with _storage_errors(path, "create"), contextlib.closing(_connect(path, "rwc")) as connection:
-            created = _write_schema(connection, header)
-        if not created and not exist_ok:
-            raise StorageError(f"expected no file at {path} to create a path database in, but there is one")
-        database = cls.open(path)
+        made = False
+
+        def fill(cursor: sqlite3.Cursor) -> None:
+            nonlocal made
+            made = True
+            _write_header(cursor, header)
+
+        database = cls(Path(path), connect(Path(path), FORMAT, "create", fill))
         try:
+            if not made and not exist_ok:
+                raise StorageError(
+                    f"expected no file at {path} to create a path database in, but there is one"
+                )
             database.header.require(header, str(path))
-        except InvalidInputError:
+        except BaseException:
             database.close()
             raise
         return database
@@ -184,19 +189,7 @@ class PathDatabase:
             StorageError: there is no such file, it is no path database, of a newer format, or damaged.
         """
         path = Path(path)
-        if not path.is_file():
-            raise StorageError(f"expected a path database at {path}, but there is no such file")
-        _check_magic(path)
-        with _storage_errors(path, "open"):
-            connection = _connect_readonly(path) if readonly else _connect(path, "rw")
-            try:
-                header = _read_header(connection, path)
-                if not readonly:
-                    _use_wal(connection)
-            except BaseException:
-                connection.close()
-                raise
-        return cls(path, connection, header)
+        return cls(path, connect(path, FORMAT, "read" if readonly else "write"))
 
     def close(self) -> None:
         """Close the file; the last process to do so folds the write-ahead log into it."""
@@ -260,7 +253,7 @@ class PathDatabase:
         rows = [self._row(seed, path) for seed, path in solved]
         failures = [_checked_seed(seed) for seed in unsolved]
         maker = _creator()
-        with _storage_errors(self.path, "write"), _transaction(self._connection) as cursor:
+        with storage_errors(self.path, FORMAT, "write"), transaction(self._connection) as cursor:
             before = self._connection.total_changes
             cursor.executemany(
                 "INSERT INTO paths (seed, start, goal, waypoints, length, checksum, created_by) "
@@ -353,7 +346,7 @@ class PathDatabase:
         self.load()
 
     def _rows(self, query: str, values: tuple[Any, ...] = ()) -> list[Any]:
-        with _storage_errors(self.path, "read"):
+        with storage_errors(self.path, FORMAT, "read"):
             return self._connection.execute(query, values).fetchall()
 
     def _row(self, seed: int, path: ArrayLike) -> tuple[int, bytes, bytes, bytes, float, int]:
@@ -382,54 +375,10 @@ class PathDatabase:
             )
 
 
-def _check_magic(path: Path) -> None:
-    """Refuse files that SQLite would refuse, before it is asked to."""
-    try:
-        with path.open("rb") as file:
-            head = file.read(len(_SQLITE_MAGIC))
-    except OSError as error:
-        raise StorageError(f"cannot read {path}: {error}") from error
-    if head != _SQLITE_MAGIC:
-        raise StorageError(f"expected a {FORMAT} (an SQLite file) at {path}, got a file that begins {head!r}")
-
-
-def _connect(path: Path, mode: str) -> sqlite3.Connection:
-    uri = f"{path.resolve().as_uri()}?mode={mode}"
-    return sqlite3.connect(uri, uri=True, timeout=BUSY_TIMEOUT, isolation_level=None)
-
-
-def _connect_readonly(path: Path) -> sqlite3.Connection:
-    connection = _connect(path, "ro")
-    try:
-        connection.execute("SELECT count(*) FROM sqlite_master").fetchone()
-    except sqlite3.OperationalError:
-        connection.close()
-        if Path(f"{path}-wal").exists():
-            raise
-        # A folder that cannot be written has no room for WAL's index file. No log, so nobody is writing.
-        return _connect(path, "ro&immutable=1")
-    return connection
-
-
-def _use_wal(connection: sqlite3.Connection) -> None:
-    """Switch to WAL; SQLite does not wait by itself when another process is just doing the same."""
-    deadline = time.monotonic() + BUSY_TIMEOUT
-    while True:
-        try:
-            connection.execute("PRAGMA journal_mode = WAL").fetchone()
-            break
-        except sqlite3.OperationalError:
-            if time.monotonic() > deadline:
-                raise
-            time.sleep(0.01)
-    connection.execute("PRAGMA synchronous = NORMAL")
-
-
-def _write_schema(connection: sqlite3.Connection, header: DatabaseHeader) -> bool:
-    """Make the tables in one transaction; False, and nothing changed, when the file is not empty."""
+def _write_header(cursor: sqlite3.Cursor, header: DatabaseHeader) -> None:
     meta = {
-        "format": FORMAT,
-        "version": FORMAT_VERSION,
+        "format": FORMAT.name,
+        "version": FORMAT.version,
         "created_by": _creator(),
         "dimension": header.dimension,
         "name": header.name,
@@ -437,65 +386,22 @@ def _write_schema(connection: sqlite3.Connection, header: DatabaseHeader) -> boo
         "weights": header.weights,
         "periods": header.periods,
     }
-    with _transaction(connection) as cursor:
-        if cursor.execute("SELECT count(*) FROM sqlite_master").fetchone()[0]:
-            return False
-        for statement in _SCHEMA:
-            cursor.execute(statement)
-        cursor.execute(f"PRAGMA application_id = {APPLICATION_ID}")
-        cursor.execute(f"PRAGMA user_version = {FORMAT_VERSION}")
-        cursor.executemany(
-            "INSERT INTO meta VALUES (?, ?)", [(key, json.dumps(value)) for key, value in meta.items()]
-        )
-    return True
+    cursor.executemany(
+        "INSERT INTO meta VALUES (?, ?)", [(key, json.dumps(value)) for key, value in meta.items()]
+    )
 
 
-def _read_header(connection: sqlite3.Connection, path: Path) -> DatabaseHeader:
-    application = connection.execute("PRAGMA application_id").fetchone()[0]
-    version = connection.execute("PRAGMA user_version").fetchone()[0]
-    if application != APPLICATION_ID:
-        raise StorageError(
-            f"expected a {FORMAT} at {path} (application id {APPLICATION_ID:#x}), "
-            f"got another program's SQLite file (application id {application:#x})"
-        )
-    if version != FORMAT_VERSION:
-        raise StorageError(
-            f"expected a {FORMAT} of version {FORMAT_VERSION} at {path}, got version {version}"
-        )
+def _read_header(path: Path, rows: list[Any]) -> DatabaseHeader:
     try:
-        rows = connection.execute("SELECT key, value FROM meta").fetchall()
         meta = {key: json.loads(value) for key, value in rows}
         header = DatabaseHeader.of(meta["name"], meta["robot"], meta["weights"], meta["periods"])
-        if meta["format"] != FORMAT or meta["dimension"] != header.dimension:
+        if meta["format"] != FORMAT.name or meta["dimension"] != header.dimension:
             raise ValueError(f"format {meta['format']!r}, dimension {meta['dimension']!r}")
     except (ValueError, TypeError, KeyError) as error:
         raise StorageError(
-            f"{path} is damaged: expected the entries of a {FORMAT} in its table meta, got {error!r}"
+            f"{path} is damaged: expected the entries of a {FORMAT.name} in its table meta, got {error!r}"
         ) from error
     return header
-
-
-@contextlib.contextmanager
-def _transaction(connection: sqlite3.Connection) -> Iterator[sqlite3.Cursor]:
-    """Take the write lock first, so that two writers wait for each other and cannot deadlock."""
-    connection.execute("BEGIN IMMEDIATE")
-    try:
-        yield connection.cursor()
-        connection.execute("COMMIT")
-    except BaseException:
-        if connection.in_transaction:
-            connection.execute("ROLLBACK")
-        raise
-
-
-@contextlib.contextmanager
-def _storage_errors(path: Path, action: str) -> Iterator[None]:
-    try:
-        yield
-    except (sqlite3.Error, OSError) as error:
-        raise StorageError(
-            f"cannot {action} the path database {path}: expected a sound, accessible {FORMAT}, got: {error}"
-        ) from error
 
 
 def _checked_seed(seed: int) -> int:

@@ -2,17 +2,10 @@
 
 from __future__ import annotations
 
-import concurrent.futures
-import contextlib
-import multiprocessing
-import multiprocessing.reduction
-import os
-import signal
-import threading
 import time
-from collections.abc import Callable, Iterable, Iterator, Sequence
-from concurrent.futures.process import BrokenProcessPool
+from collections.abc import Callable
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from types import TracebackType
 
@@ -21,13 +14,13 @@ from numpy.typing import ArrayLike
 from guided_gym.database import DatabaseHeader, PathDatabase
 from guided_gym.errors import GuidedGymError, InvalidInputError
 from guided_gym.path_library import FloatArray, checked_path
+from guided_gym.workers import worker_pool
 
 Solve = Callable[[int], ArrayLike | None]
 Progress = Callable[[int, int], None]
 
 _SECONDS_PER_BATCH = 0.5  # a kill -9 loses at most the work of this long
 _PATHS_PER_BATCH = 256
-_WINDOW_PER_WORKER = 4  # problems handed out per worker: it never waits, and a stop drops few
 _UNSOLVED_PER_PATH = 10  # a build with more failures than this per path is given up
 _UNSOLVED_SPARE = 100
 
@@ -74,15 +67,16 @@ def build_database(
         StorageError: the file is foreign, damaged or cannot be written.
         GuidedGymError: a worker process died, or next to no problem gets solved.
     """
-    if n_paths < 0 or workers < 1:
-        raise InvalidInputError(f"expected n_paths >= 0 and workers >= 1, got {n_paths} and {workers}")
-    with PathDatabase.create_or_open(path, header) as database, _solver(solve, workers) as solve_all:
+    if n_paths < 0:
+        raise InvalidInputError(f"expected a number of paths >= 0, got {n_paths}")
+    attempt = partial(_attempt, solve)
+    with worker_pool(workers) as run, PathDatabase.create_or_open(path, header) as database:
         batch = _Batch(database, n_paths, progress)
         batch.report()
         while seeds := database.missing_seeds(n_paths):
             _give_up_if_hopeless(database, n_paths)
             with batch:
-                for seed, result in solve_all(seeds):
+                for seed, result in run(attempt, seeds):
                     batch.add(seed, result)
         return BuildReport(len(database), batch.solved, batch.unsolved)
 
@@ -134,69 +128,8 @@ class _Batch:
             self._progress(min(self._stored, self._n_paths), self._n_paths)
 
 
-SolveAll = Callable[[Sequence[int]], Iterator[tuple[int, ArrayLike | None]]]
-
-
-@contextlib.contextmanager
-def _solver(solve: Solve, workers: int) -> Iterator[SolveAll]:
-    """Give a function that solves many seeds, in this process or in a pool that ends with the context."""
-    if workers == 1:
-        yield lambda seeds: ((seed, solve(seed)) for seed in seeds)
-        return
-    try:
-        multiprocessing.reduction.ForkingPickler.dumps(solve)
-    except Exception as error:
-        raise InvalidInputError(
-            f"expected a solve function at the top level of a module for {workers} workers, "
-            f"got {solve!r}: {error}"
-        ) from error
-    # Not forked: a fork copies the locks of threads that do not come along (numba, torch).
-    before = set(multiprocessing.active_children())
-    pool = concurrent.futures.ProcessPoolExecutor(
-        workers, mp_context=multiprocessing.get_context("spawn"), initializer=_follow_parent
-    )
-    try:
-        yield lambda seeds: _solve_in_pool(pool, solve, seeds, workers * _WINDOW_PER_WORKER)
-        pool.shutdown()
-    except BrokenProcessPool as error:
-        raise GuidedGymError(
-            "expected the worker processes to live, but one died (killed, or out of memory?); "
-            "what was solved is stored, and building again resumes"
-        ) from error
-    except BaseException:
-        # Whoever pressed Ctrl-C does not want to wait for the problems at hand.
-        pool.shutdown(wait=False, cancel_futures=True)
-        for process in set(multiprocessing.active_children()) - before:
-            process.terminate()
-        raise
-
-
-def _solve_in_pool(
-    pool: concurrent.futures.Executor, solve: Solve, seeds: Iterable[int], window: int
-) -> Iterator[tuple[int, ArrayLike | None]]:
-    queue = iter(seeds)
-    running: dict[concurrent.futures.Future[ArrayLike | None], int] = {}
-    while True:
-        while len(running) < window and (seed := next(queue, None)) is not None:
-            running[pool.submit(solve, seed)] = seed
-        if not running:
-            return
-        done, _ = concurrent.futures.wait(running, return_when=concurrent.futures.FIRST_COMPLETED)
-        for future in done:
-            yield running.pop(future), future.result()
-
-
-def _follow_parent() -> None:
-    """Leave Ctrl-C, which a terminal sends to the workers too, to the parent; end when it is killed."""
-    signal.signal(signal.SIGINT, signal.SIG_IGN)
-    threading.Thread(target=_end_with_parent, daemon=True).start()
-
-
-def _end_with_parent() -> None:
-    parent = multiprocessing.parent_process()
-    if parent is not None:
-        parent.join()
-        os._exit(1)  # nobody is left to hand results to; a worker would wait for work for ever
+def _attempt(solve: Solve, seed: int) -> tuple[int, ArrayLike | None]:
+    return seed, solve(seed)
 
 
 def _give_up_if_hopeless(database: PathDatabase, n_paths: int) -> None:

@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from guided_gym.errors import InvalidInputError
+from guided_gym.kernels.nearest import checked_metric
 
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
@@ -244,24 +245,6 @@ def checked_path(path: ArrayLike | Sequence[ArrayLike], dimension: int, what: st
     return array
 
 
-def checked_metric(weights: ArrayLike, periods: ArrayLike) -> tuple[FloatArray, FloatArray]:
-    """Return weights and periods as (d,) float64 arrays.
-
-    Raises:
-        InvalidInputError: they differ in shape, are empty, or hold a negative or non-finite number.
-    """
-    weights = np.array(weights, dtype=np.float64)
-    periods = np.array(periods, dtype=np.float64)
-    if weights.ndim != 1 or weights.size == 0 or weights.shape != periods.shape:
-        raise InvalidInputError(
-            f"expected weights and periods of one shape (d,), got {weights.shape} and {periods.shape}"
-        )
-    for name, values in (("weights", weights), ("periods", periods)):
-        if not (np.isfinite(values).all() and (values >= 0.0).all()):
-            raise InvalidInputError(f"expected finite {name} >= 0, got {values.tolist()}")
-    return weights, periods
-
-
 def _remaining_lengths(
     waypoints: FloatArray, offsets: IntArray, weights: FloatArray, periods: FloatArray
 ) -> FloatArray:
@@ -276,6 +259,6 @@ def _remaining_lengths(
 
 
 def _frozen(array: NDArray[Any]) -> NDArray[Any]:
-    array = np.ascontiguousarray(array)
+    array = np.array(array, order="C")  # a copy: the caller's own array stays writable
     array.flags.writeable = False
     return array

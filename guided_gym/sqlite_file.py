@@ -9,16 +9,21 @@ from __future__ import annotations
 import contextlib
 import sqlite3
 import time
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Literal
 
 from guided_gym.errors import StorageError
 
 BUSY_TIMEOUT = 30.0  # seconds that a writer waits for another one
 MEMORY = ":memory:"
 
+Mode = Literal["create", "write", "read"]
+Fill = Callable[[sqlite3.Cursor], None]
+
 _SQLITE_MAGIC = b"SQLite format 3\x00"
+_URI_MODES: dict[Mode, str] = {"create": "rwc", "write": "rw", "read": "ro"}
 
 
 @dataclass(frozen=True)
@@ -38,21 +43,31 @@ class FileFormat:
     schema: Sequence[str]
 
 
-def connect(path: Path | None, kind: FileFormat) -> sqlite3.Connection:
-    """Open the file at ``path``, making it when there is none; None for a store in memory.
+def connect(
+    path: Path | None, kind: FileFormat, mode: Mode = "create", fill: Fill | None = None
+) -> sqlite3.Connection:
+    """Open the file at ``path``; None for a store in memory.
+
+    Args:
+        path: The file.
+        kind: What it has to be.
+        mode: ``"create"`` makes the file, whole or not at all, when there is none; ``"write"`` wants one that
+            is there; ``"read"`` too, never writes to it, and works in folders that cannot be written.
+        fill: Called with a cursor in the transaction that makes the tables, to put the first rows in.
 
     Raises:
-        StorageError: The file is foreign, damaged, of another version, or cannot be opened or written.
+        StorageError: The file is missing, foreign, damaged, of another version, or not accessible.
     """
     if path is not None:
-        _check_place(path, kind)
-    where = MEMORY if path is None else str(path)
+        _check_place(path, kind, mode)
     with storage_errors(path, kind, "open"):
-        connection = sqlite3.connect(where, timeout=BUSY_TIMEOUT, isolation_level=None)
+        connection = _open(path, mode)
         try:
-            _use_wal(connection)
-            _create_if_empty(connection, kind)
+            if mode == "create":
+                _create_if_empty(connection, kind, fill)
             _check(connection, path, kind)
+            if mode != "read":  # only now: another program's file stays as it was
+                _use_wal(connection)
         except BaseException:
             connection.close()
             raise
@@ -84,11 +99,13 @@ def storage_errors(path: Path | None, kind: FileFormat, action: str) -> Iterator
         ) from error
 
 
-def _check_place(path: Path, kind: FileFormat) -> None:
+def _check_place(path: Path, kind: FileFormat, mode: Mode) -> None:
     if not path.parent.is_dir():
         raise StorageError(f"expected an existing folder for {path.name}, got {path.parent}")
     if not path.exists():
-        return
+        if mode == "create":
+            return
+        raise StorageError(f"expected a {kind.name} at {path}, but there is no such file")
     if not path.is_file():
         raise StorageError(f"expected a {kind.name} at {path}, got something that is no file")
     try:
@@ -96,8 +113,31 @@ def _check_place(path: Path, kind: FileFormat) -> None:
             head = file.read(len(_SQLITE_MAGIC))
     except OSError as error:
         raise StorageError(f"cannot read {path}: {error}") from error
-    if head not in (b"", _SQLITE_MAGIC):
+    # A file that is still empty is one in the making, by this call or by another process.
+    if head != _SQLITE_MAGIC and (head or mode != "create"):
         raise StorageError(f"expected a {kind.name} (an SQLite file) at {path}, got one that begins {head!r}")
+
+
+def _open(path: Path | None, mode: Mode) -> sqlite3.Connection:
+    if path is None:
+        return sqlite3.connect(MEMORY, isolation_level=None)
+    connection = _open_uri(path, _URI_MODES[mode])
+    if mode != "read":
+        return connection
+    try:
+        connection.execute("SELECT count(*) FROM sqlite_master").fetchone()
+    except sqlite3.OperationalError:
+        connection.close()
+        if Path(f"{path}-wal").exists():
+            raise
+        # A folder that cannot be written has no room for WAL's index file. No log, so nobody is writing.
+        return _open_uri(path, "ro&immutable=1")
+    return connection
+
+
+def _open_uri(path: Path, mode: str) -> sqlite3.Connection:
+    uri = f"{path.resolve().as_uri()}?mode={mode}"
+    return sqlite3.connect(uri, uri=True, timeout=BUSY_TIMEOUT, isolation_level=None)
 
 
 def _use_wal(connection: sqlite3.Connection) -> None:
@@ -114,7 +154,7 @@ def _use_wal(connection: sqlite3.Connection) -> None:
     connection.execute("PRAGMA synchronous = NORMAL")
 
 
-def _create_if_empty(connection: sqlite3.Connection, kind: FileFormat) -> None:
+def _create_if_empty(connection: sqlite3.Connection, kind: FileFormat, fill: Fill | None) -> None:
     if connection.execute("SELECT count(*) FROM sqlite_master").fetchone()[0]:
         return
     with transaction(connection) as cursor:
@@ -124,6 +164,8 @@ def _create_if_empty(connection: sqlite3.Connection, kind: FileFormat) -> None:
             cursor.execute(statement)
         cursor.execute(f"PRAGMA application_id = {kind.application_id}")
         cursor.execute(f"PRAGMA user_version = {kind.version}")
+        if fill is not None:
+            fill(cursor)
 
 
 def _check(connection: sqlite3.Connection, path: Path | None, kind: FileFormat) -> None:
