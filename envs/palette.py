@@ -55,7 +55,8 @@ def target_levels(target: NDArray[np.float64], floor: float = 1e-4) -> NDArray[n
     lowest = np.log(floor)
     logs = np.log(np.maximum(target, floor))
     span = max(float(logs.max()) - lowest, np.log(10.0))
-    return np.rint((logs - lowest) / span * (LEVELS - 1)).astype(np.intp)
+    levels: NDArray[np.intp] = np.rint((logs - lowest) / span * (LEVELS - 1)).astype(np.intp)
+    return levels
 
 
 def hexadecimal(colour: Colour) -> str:

@@ -168,10 +168,14 @@ class RoadmapGuidance(GuidingSpace):
             )
 
     def drawing(self) -> dict[str, NDArray[Any]]:
-        """What a figure shows: ``points`` (v, 2), ``edges`` (m, 2), ``alive`` (m,), ``weights`` (m,)."""
+        """What a figure shows.
+
+        ``points`` (v, 2) with their h as ``values`` (v,); ``edges`` (m, 2), ``alive`` (m,), ``weights`` (m,).
+        """
         factor = self.roadmap.multipliers
         return {
             "points": self.roadmap.points[:, :2],
+            "values": self.roadmap.distance,
             "edges": self.roadmap.edges,
             "alive": np.isfinite(factor),
             "weights": np.where(np.isfinite(factor), factor, 1.0),

@@ -1,0 +1,350 @@
+"""The figures of an evaluation: each function returns a matplotlib Figure, `save` writes it.
+
+Nothing here touches pyplot: no window, no global state.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping, Sequence
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from matplotlib.cm import ScalarMappable
+from matplotlib.figure import Figure
+from numpy.typing import NDArray
+
+from guided_gym.efficiency import DEFAULT_TARGET
+from guided_gym.envs.catalogue import distribution_names, make_distribution
+from guided_gym.errors import InvalidInputError
+from guided_gym.search import Search, SearchResult
+from guided_gym.train import workspace_axes as workspace
+from guided_gym.train.statistics import Interval
+from guided_gym.train.style import (
+    COLUMN,
+    INK,
+    MUTED,
+    PAGE,
+    TARGET_MAP,
+    Looks,
+    label_of,
+    new_figure,
+    save,
+    styled,
+)
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+
+    from guided_gym.guidance.base import GuidingSpace
+    from guided_gym.problems import Problem
+
+FloatArray = NDArray[np.float64]
+
+EFFICIENCY_LABEL = "sampling efficiency (nats)"
+RESAMPLES = 1000
+PANELS_A_ROW = 4
+
+
+@styled
+def efficiency_over_samples(
+    series: Mapping[str, FloatArray], *, title: str | None = None, window: int = 1
+) -> Figure:
+    """Mean SE at each sample, with the 95 % band of a bootstrap over seeds; a curve per guidance.
+
+    Args:
+        series: Name of each guidance to its (seeds, samples) SE in nats, 0 after a search has ended
+            (`guided_gym.efficiency.padded`).
+        title: Title of the axes.
+        window: Each search's SE is averaged over so many samples first, centred.
+
+    Raises:
+        InvalidInputError: No series, one that is not two-dimensional or empty, or a window below 1.
+    """
+    if not series:
+        raise InvalidInputError("series: expected at least one guidance, got none")
+    if window < 1:
+        raise InvalidInputError(f"window: expected at least 1 sample, got {window!r}")
+    looks = Looks(series)
+    figure = new_figure(COLUMN * 1.35, COLUMN * 0.8)
+    axes = figure.subplots()
+    for name, values in series.items():
+        array = np.asarray(values, np.float64)
+        if array.ndim != 2 or not array.size:
+            raise InvalidInputError(f"series {name!r}: expected shape (seeds, samples), got {array.shape}")
+        array = _smoothed(array, window)
+        low, high = _band(array)
+        x = np.arange(1, array.shape[1] + 1)
+        colour = looks.colour(name)
+        axes.fill_between(x, low, high, color=colour, alpha=0.18, linewidth=0)
+        axes.plot(x, array.mean(axis=0), color=colour, linestyle=looks.dash(name), label=looks.label(name))
+    axes.set(xlabel="samples", ylabel=EFFICIENCY_LABEL, title=title)
+    axes.set_xlim(1, max(_last_sample(values) for values in series.values()))
+    axes.set_ylim(bottom=0)
+    axes.legend(loc="upper right")
+    return figure
+
+
+def _last_sample(values: FloatArray) -> int:
+    """The last sample that any search drew; at least 2, so that there is an axis."""
+    return max(2, int(np.max(np.nonzero(np.asarray(values).any(axis=0))[0], initial=0)) + 1)
+
+
+def _smoothed(array: FloatArray, window: int) -> FloatArray:
+    """Centred running mean along the samples; shorter at the ends."""
+    sums = np.cumsum(np.pad(array, ((0, 0), (1, 0))), axis=1)
+    at = np.arange(array.shape[1])
+    first = np.maximum(at - (window - 1) // 2, 0)
+    last = np.minimum(at + window // 2 + 1, array.shape[1])
+    return np.asarray((sums[:, last] - sums[:, first]) / (last - first))
+
+
+def _band(array: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """(samples,) ends of the 95 % percentile bootstrap of the mean over seeds, sample by sample."""
+    seeds = len(array)
+    rng = np.random.default_rng(0)
+    weights = rng.multinomial(seeds, np.full(seeds, 1.0 / seeds), RESAMPLES) / seeds
+    low, high = np.quantile(weights @ array, [0.025, 0.975], axis=0)
+    return low, high
+
+
+@styled
+def environments(problems: Sequence[Problem] | None = None) -> Figure:
+    """An overview of problems: obstacles, and the robot at start (blue) and goal (green).
+
+    Args:
+        problems: What to show; the whole catalogue, seed 0 of each distribution, by default.
+    """
+    if problems is None:
+        problems = [make_distribution(name).problem(0) for name in distribution_names()]
+    figure, panels = _row(problems)
+    for axes, problem in zip(panels, problems, strict=True):
+        workspace.draw_workspace(axes, problem.environment)
+        workspace.draw_task(axes, problem)
+        axes.set_title(problem.name)
+    return figure
+
+
+def search_tree(
+    search: Search | SearchResult,
+    problem: Problem,
+    *,
+    target: FloatArray | None = None,
+    title: str | None = None,
+) -> Figure:
+    """A search tree coloured by its target Q, its failed expansions, and the path found, in red.
+
+    Args:
+        search: The search, or what `guided_search` returned.
+        problem: The problem that was searched.
+        target: (n,) target probabilities; computed by default, which asks the oracle.
+        title: Title of the axes; the problem's name by default.
+    """
+    targets = None if target is None else [target]
+    return search_trees([(title or problem.name, search, problem)], targets=targets)
+
+
+@styled
+def search_trees(
+    items: Sequence[tuple[str, Search | SearchResult, Problem]], *, targets: list[FloatArray] | None = None
+) -> Figure:
+    """Search trees as panels on one colour scale: (title, search, problem) of each; see `search_tree`."""
+    if targets is None:
+        targets = [_target(search, problem) for _, search, problem in items]
+    norm = workspace.target_norm(targets)
+    figure, panels = _row([problem for _, _, problem in items], bar=True)
+    for axes, (title, search, problem), target in zip(panels, items, targets, strict=True):
+        path = search.path() if isinstance(search, Search) else search.path
+        workspace.draw_workspace(axes, problem.environment)
+        workspace.draw_failures(axes, search.tree)
+        workspace.draw_tree(axes, search.tree, target, norm)
+        if path is not None:
+            workspace.draw_path(axes, problem, path)
+        workspace.draw_task(axes, problem)
+        axes.set_title(title)
+    _bar(figure, panels, ScalarMappable(norm, TARGET_MAP), "target Q")
+    return figure
+
+
+def _target(search: Search | SearchResult, problem: Problem) -> FloatArray:
+    if isinstance(search, Search):
+        return search.tracker.distribution()
+    from guided_gym.target import TargetTracker
+
+    return TargetTracker(problem, search.tree, DEFAULT_TARGET).distribution()
+
+
+def guiding_space(
+    guidance: GuidingSpace, search: Search | None = None, *, title: str | None = None
+) -> Figure:
+    """What guides a search: see `guiding_spaces`."""
+    return guiding_spaces([(title or label_of(guidance.name), guidance, search)])
+
+
+@styled
+def guiding_spaces(items: Sequence[tuple[str, GuidingSpace, Search | None]]) -> Figure:
+    """What guides, as panels: (title, guiding space, search) of each.
+
+    Drawn are the Voronoi cells of RRT, a roadmap or stored paths (what failures removed in faint red), a
+    skeleton with its edges' weights, or else h as a field at the goal's orientation. A hybrid takes a panel
+    for each of its guides.
+
+    Args:
+        items: The search is the one that the guiding space was last attached to, if None.
+    """
+    unfolded = [
+        (title, part, search or guidance.search)
+        for heading, guidance, search in items
+        for title, part in _unfolded(heading, guidance)
+    ]
+    looks = Looks(guidance.name for _, guidance, _ in unfolded)
+    figure, panels = _row([search.problem for _, _, search in unfolded], bar=True)
+    for axes, (title, guidance, search) in zip(panels, unfolded, strict=True):
+        mappable = workspace.draw_guiding_space(axes, guidance, search, looks.colour(guidance.name))
+        axes.set_title(title)
+        if mappable is not None:
+            _bar(figure, [axes], mappable, str(mappable.get_label()))
+    return figure
+
+
+def _unfolded(title: str, guidance: GuidingSpace) -> Iterable[tuple[str, GuidingSpace]]:
+    guides: Sequence[GuidingSpace] = getattr(guidance, "guides", ())
+    if not guides:
+        yield title, guidance
+    for guide in guides:
+        yield f"{title}: {label_of(guide.name)}", guide
+
+
+def _row(problems: Sequence[Problem], *, bar: bool = False) -> tuple[Figure, list[Axes]]:
+    """A figure with a panel per workspace, in rows of at most four; ``bar`` leaves room for a colour bar."""
+    if not problems:
+        raise InvalidInputError("expected at least one thing to draw, got none")
+    columns = min(len(problems), PANELS_A_ROW) if len(problems) != PANELS_A_ROW + 1 else PANELS_A_ROW + 1
+    rows = -(-len(problems) // columns)
+    width = COLUMN if columns == 1 else PAGE
+    xmin, ymin, xmax, ymax = problems[0].environment.bounds
+    height = rows * (width / columns * (ymax - ymin) / (xmax - xmin) + (0.6 if bar else 0.25))
+    figure = new_figure(width, height)
+    grid = list(np.atleast_1d(figure.subplots(rows, columns)).flat)
+    for unused in grid[len(problems) :]:
+        unused.remove()
+    return figure, grid[: len(problems)]
+
+
+def _bar(figure: Figure, panels: list[Axes], mappable: Any, label: str) -> None:
+    """A thin colour bar below the panels, or inside the margin of a single one."""
+    if len(panels) == 1:
+        own = panels[0].inset_axes((0.15, -0.07, 0.7, 0.025))
+        bar = figure.colorbar(mappable, cax=own, orientation="horizontal")
+    else:
+        bar = figure.colorbar(mappable, ax=panels, location="bottom", shrink=0.3, aspect=30, pad=0.02)
+    bar.outline.set_visible(False)  # type: ignore[operator]
+    bar.ax.tick_params(length=1.5, width=0.4, labelsize=6, pad=1)
+    bar.ax.tick_params(which="minor", length=0, labelbottom=False)
+    bar.set_label(label, fontsize=6.5, labelpad=1)
+
+
+@styled
+def regions(
+    values: Mapping[str, Mapping[str, Interval]], *, title: str | None = None, label: str = EFFICIENCY_LABEL
+) -> Figure:
+    """Bars with 95 % intervals: a group per region, a bar per guidance.
+
+    Args:
+        values: Guidance to region to estimate. A region that a guidance lacks is left out there.
+        title: Title of the axes.
+        label: What is measured, with its unit.
+
+    Raises:
+        InvalidInputError: No guidance or no region.
+    """
+    names = list(dict.fromkeys(region for of_guidance in values.values() for region in of_guidance))
+    if not names:
+        raise InvalidInputError("values: expected at least one guidance with a region, got none")
+    looks = Looks(values)
+    figure = new_figure(max(COLUMN, 0.35 * len(names) * (len(values) + 1)), COLUMN * 0.72)
+    axes = figure.subplots()
+    width = 0.8 / len(values)
+    for i, (guidance, by_region) in enumerate(values.items()):
+        known = [(names.index(region), interval) for region, interval in by_region.items()]
+        at = np.array([position for position, _ in known]) + (i - (len(values) - 1) / 2) * width
+        heights, errors = _with_errors([interval for _, interval in known])
+        axes.bar(at, heights, width * 0.92, color=looks.colour(guidance), label=looks.label(guidance))
+        axes.errorbar(at, heights, errors, fmt="none", ecolor=INK, elinewidth=0.8, capsize=1.8, capthick=0.8)
+    axes.set_xticks(range(len(names)), [name.replace("_", " ") for name in names])
+    axes.tick_params(axis="x", length=0)
+    axes.set(ylabel=label, title=title)
+    axes.legend(loc="upper left", bbox_to_anchor=(1.0, 1.0), handlelength=1.0)
+    return figure
+
+
+def _with_errors(intervals: Sequence[Interval]) -> tuple[FloatArray, FloatArray]:
+    """(k,) estimates and (2, k) distances to the ends of their intervals."""
+    rows = np.array([(i.estimate, i.estimate - i.low, i.high - i.estimate) for i in intervals]).T
+    return rows[0], np.maximum(rows[1:], 0.0)
+
+
+@styled
+def database(
+    sizes: Sequence[int],
+    efficiency: Sequence[Interval],
+    seconds: Sequence[Interval],
+    *,
+    baseline: Interval | None = None,
+    title: str | None = None,
+) -> Figure:
+    """SE (left) and time of a query (right) over the number of paths in the database, with 95 % intervals.
+
+    Args:
+        sizes: (k,) numbers of paths.
+        efficiency: (k,) SE per sample.
+        seconds: (k,) time of a query.
+        baseline: SE per sample of RRT, which has no database.
+        title: Title of the figure.
+
+    Raises:
+        InvalidInputError: The three do not have one length, or are empty.
+    """
+    if not len(sizes) or not len(sizes) == len(efficiency) == len(seconds):
+        raise InvalidInputError(
+            "expected one SE and one time per size, got "
+            f"{len(sizes)} sizes, {len(efficiency)} SE and {len(seconds)} times"
+        )
+    looks = Looks(["path_database", "rrt"])
+    figure = new_figure(PAGE * 0.8, COLUMN * 0.68)
+    left, right = figure.subplots(1, 2)
+    milliseconds = [Interval(1e3 * s.estimate, 1e3 * s.low, 1e3 * s.high) for s in seconds]
+    if baseline is not None:
+        left.axhspan(baseline.low, baseline.high, color=looks.colour("rrt"), alpha=0.18, linewidth=0)
+        left.axhline(baseline.estimate, color=looks.colour("rrt"), label="RRT, without a database")
+    for axes, intervals in ((left, efficiency), (right, milliseconds)):
+        heights, errors = _with_errors(intervals)
+        axes.errorbar(
+            sizes, heights, errors, color=looks.colour("path_database"), marker="o", markersize=3.5,
+            capsize=1.8, elinewidth=0.8, label="PathDatabase",
+        )  # fmt: skip
+        axes.set(xscale="log", xlabel="paths in the database")
+        axes.set_xticks(sizes, [f"{size:,}" for size in sizes])
+        axes.minorticks_off()
+    linear = milliseconds[0].estimate * np.asarray(sizes) / sizes[0]
+    right.plot(sizes, linear, color=MUTED, linewidth=0.8, linestyle=(0, (1, 1.5)), label="linear growth")
+    left.set_ylabel("SE per sample (nats)")
+    left.set_ylim(bottom=0)
+    right.set(ylabel="time per query (ms)", yscale="log")
+    right.yaxis.set_major_formatter("{x:g}")
+    left.legend()
+    right.legend(loc="upper left")
+    figure.suptitle(title or "", fontsize=8.5)
+    return figure
+
+
+__all__ = [
+    "database",
+    "efficiency_over_samples",
+    "environments",
+    "guiding_space",
+    "guiding_spaces",
+    "regions",
+    "save",
+    "search_tree",
+    "search_trees",
+]
