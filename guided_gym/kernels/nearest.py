@@ -16,7 +16,7 @@ calls `GrowingIndex.reserve` and enters the kernel again with the *new* `state`.
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, TypeAlias
+from typing import TYPE_CHECKING, TypeAlias, TypeVar
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -25,7 +25,6 @@ from guided_gym.errors import InvalidInputError
 
 if TYPE_CHECKING:
     from collections.abc import Callable
-    from typing import TypeVar
 
     _F = TypeVar("_F", bound=Callable[..., object])
 
@@ -34,6 +33,8 @@ if TYPE_CHECKING:
         ...
 else:
     from numba import njit
+
+_Number = TypeVar("_Number", bound=np.number)
 
 Floats: TypeAlias = NDArray[np.float64]
 Ints: TypeAlias = NDArray[np.int64]
@@ -579,6 +580,12 @@ def _depth(nodes: NDArray[np.int32]) -> int:
     return deepest
 
 
+def kernel_array(values: ArrayLike, dtype: type[_Number]) -> NDArray[_Number]:
+    """Return C-contiguous writable values, copied if need be: numba compiles anew for read-only arrays."""
+    out = np.ascontiguousarray(values, dtype=dtype)
+    return out if out.flags.writeable else out.copy()
+
+
 def checked_metric(weights: ArrayLike, periods: ArrayLike) -> tuple[Floats, Floats]:
     """Return weights and periods as float64 arrays (d,); 0 in `periods` means not periodic.
 
@@ -657,7 +664,7 @@ class GrowingIndex:
         self.state = (*wider, work, counters)
 
     def _query(self, q: ArrayLike) -> Floats:
-        out = np.ascontiguousarray(q, dtype=np.float64)
+        out = kernel_array(q, np.float64)
         if out.shape != self.state[0].shape[1:]:
             raise InvalidInputError(
                 f"expected a configuration of shape {self.state[0].shape[1:]}, got shape {out.shape}"
@@ -665,7 +672,7 @@ class GrowingIndex:
         return out
 
     def _queries(self, Q: ArrayLike) -> Floats:
-        out = np.ascontiguousarray(Q, dtype=np.float64)
+        out = kernel_array(Q, np.float64)
         if out.ndim != 2 or out.shape[1:] != self.state[0].shape[1:]:
             raise InvalidInputError(
                 f"expected configurations of shape (n, {self.state[0].shape[1]}), got shape {out.shape}"

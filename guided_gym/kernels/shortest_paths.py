@@ -37,6 +37,7 @@ from guided_gym.kernels.nearest import (
     doubled,
     first_sorted,
     insert,
+    kernel_array,
     load_segment,
     segment_distance2,
 )
@@ -354,7 +355,7 @@ class ShortestPathTree:
             InvalidInputError: arrays that do not form an undirected graph, a negative or NaN weight, or a
                 source that is no vertex.
         """
-        graph = tuple(np.ascontiguousarray(a, dtype=np.int32) for a in (indptr, neighbours, edge_of))
+        graph = tuple(kernel_array(a, np.int32) for a in (indptr, neighbours, edge_of))
         self._graph: Adjacency = (graph[0], graph[1], graph[2])
         values = np.array(weights, dtype=np.float64, order="C")
         self._ends = _edge_ends(self._graph, values)
@@ -424,7 +425,7 @@ class ShortestPathTree:
             InvalidInputError: an unknown edge, a weight lower than it is, or NaN (then nothing is changed).
         """
         ids = _ids(edge_ids)
-        values = np.ascontiguousarray(new_weights, dtype=np.float64)
+        values = kernel_array(new_weights, np.float64)
         if values.shape != ids.shape:
             raise InvalidInputError(f"expected new weights of shape {ids.shape}, got {values.shape}")
         status = raise_weights(self._graph, self._ends, self._tree, self._scratch, ids, values)
@@ -488,7 +489,7 @@ def _ids(values: ArrayLike) -> Ints:
         return np.empty(0, np.int64)
     if ids.ndim != 1 or not np.issubdtype(ids.dtype, np.integer):
         raise InvalidInputError(f"expected integer ids of shape (k,), got {ids.dtype} of shape {ids.shape}")
-    return np.ascontiguousarray(ids, dtype=np.int64)
+    return kernel_array(ids, np.int64)
 
 
 def _edge_ends(graph: Adjacency, weights: Floats) -> Int32s:
@@ -599,12 +600,12 @@ class SegmentIndex:
             InvalidInputError: wrong shapes, values that are not finite, or ends that are no vertices.
         """
         w, p = checked_metric(weights, periods)
-        vertices = np.ascontiguousarray(points, dtype=np.float64)
+        vertices = kernel_array(points, np.float64)
         if vertices.ndim != 2 or vertices.shape[1] != len(w) or not np.all(np.isfinite(vertices)):
             raise InvalidInputError(
                 f"expected finite points of shape (n, {len(w)}), got shape {vertices.shape} or NaN"
             )
-        ends = np.ascontiguousarray(np.asarray(edges).reshape(-1, 2), dtype=np.int32)
+        ends = kernel_array(np.asarray(edges).reshape(-1, 2), np.int32)
         m, n = len(ends), len(vertices)
         if m and (ends.min() < 0 or ends.max() >= n):
             raise InvalidInputError(f"expected edges between vertices of 0..{n - 1}")
@@ -629,7 +630,7 @@ class SegmentIndex:
         Raises:
             InvalidInputError: wrong shape, a query that is not finite, or a NaN radius.
         """
-        row = np.ascontiguousarray(q, dtype=np.float64)
+        row = kernel_array(q, np.float64)
         if row.shape != self._halves.shape[1:] or not np.all(np.isfinite(row)) or np.isnan(r):
             raise InvalidInputError(
                 f"expected a finite configuration of shape {self._halves.shape[1:]} and a radius, "
