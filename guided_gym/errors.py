@@ -30,6 +30,15 @@ class UnknownNameError(GuidedGymError, KeyError):
     def __str__(self) -> str:
         return self.message
 
+    def __reduce__(self) -> tuple[object, ...]:
+        return _restored, (self.message,)  # the message alone comes back from a worker process
+
+
+def _restored(message: str) -> UnknownNameError:
+    error = UnknownNameError.__new__(UnknownNameError, message)
+    error.message = message
+    return error
+
 
 class NoPathError(GuidedGymError):
     """The oracle proved, to its resolution, that no path joins start and goal."""

@@ -26,7 +26,7 @@ from guided_gym.train.specs import (
     problem_of,
     settings_content,
 )
-from guided_gym.train.workers import map_tasks
+from guided_gym.workers import map_tasks
 
 ELSEWHERE = "elsewhere"  # the region of nodes that lie in no region of their problem
 

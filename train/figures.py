@@ -10,7 +10,9 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from matplotlib.cm import ScalarMappable
+from matplotlib.colors import LogNorm
 from matplotlib.figure import Figure
+from matplotlib.ticker import MaxNLocator
 from numpy.typing import NDArray
 
 from guided_gym.efficiency import DEFAULT_TARGET
@@ -43,6 +45,7 @@ FloatArray = NDArray[np.float64]
 EFFICIENCY_LABEL = "sampling efficiency (nats)"
 RESAMPLES = 1000
 PANELS_A_ROW = 4
+TITLE_HEIGHT, BAR_HEIGHT = 0.26, 0.4  # inches
 
 
 @styled
@@ -215,32 +218,58 @@ def _unfolded(title: str, guidance: GuidingSpace) -> Iterable[tuple[str, Guiding
 
 
 def _row(problems: Sequence[Problem], *, bar: bool = False) -> tuple[Figure, list[Axes]]:
-    """A figure with a panel per workspace, in rows of at most four; ``bar`` leaves room for a colour bar."""
+    """A figure with a panel per workspace, in rows of at most four (five, if that is all); room for bars."""
     if not problems:
         raise InvalidInputError("expected at least one thing to draw, got none")
-    columns = min(len(problems), PANELS_A_ROW) if len(problems) != PANELS_A_ROW + 1 else PANELS_A_ROW + 1
+    columns = len(problems) if len(problems) <= PANELS_A_ROW + 1 else PANELS_A_ROW
     rows = -(-len(problems) // columns)
     width = COLUMN if columns == 1 else PAGE
-    xmin, ymin, xmax, ymax = problems[0].environment.bounds
-    height = rows * (width / columns * (ymax - ymin) / (xmax - xmin) + (0.6 if bar else 0.25))
+    tallest = max(_aspect(problem) for problem in problems)
+    height = rows * (width / columns * tallest + TITLE_HEIGHT + (BAR_HEIGHT if bar else 0.0))
     figure = new_figure(width, height)
     grid = list(np.atleast_1d(figure.subplots(rows, columns)).flat)
     for unused in grid[len(problems) :]:
         unused.remove()
+    for axes in grid[: len(problems)]:
+        axes.set_anchor("N")
     return figure, grid[: len(problems)]
 
 
+def _aspect(problem: Problem) -> float:
+    xmin, ymin, xmax, ymax = problem.environment.bounds
+    return (ymax - ymin) / (xmax - xmin)
+
+
 def _bar(figure: Figure, panels: list[Axes], mappable: Any, label: str) -> None:
-    """A thin colour bar below the panels, or inside the margin of a single one."""
+    """A thin colour bar below the panels, or in the margin below a single one."""
     if len(panels) == 1:
-        own = panels[0].inset_axes((0.15, -0.07, 0.7, 0.025))
+        bottom, top = panels[0].get_ylim()
+        left, right = panels[0].get_xlim()
+        columns = panels[0].get_subplotspec().get_gridspec().ncols  # type: ignore[union-attr]
+        inch = (right - left) / (top - bottom) * columns / figure.get_figwidth()  # in heights of the panel
+        own = panels[0].inset_axes((0.15, -0.12 * inch, 0.7, 0.05 * inch))
         bar = figure.colorbar(mappable, cax=own, orientation="horizontal")
+        _few_ticks(bar, mappable.norm)
     else:
         bar = figure.colorbar(mappable, ax=panels, location="bottom", shrink=0.3, aspect=30, pad=0.02)
     bar.outline.set_visible(False)  # type: ignore[operator]
     bar.ax.tick_params(length=1.5, width=0.4, labelsize=6, pad=1)
     bar.ax.tick_params(which="minor", length=0, labelbottom=False)
     bar.set_label(label, fontsize=6.5, labelpad=1)
+
+
+def _few_ticks(bar: Any, norm: Any) -> None:
+    """About four round numbers: the bar of a panel is narrow."""
+    if isinstance(norm, LogNorm) and norm.vmax > 100 * norm.vmin:
+        return
+    if isinstance(norm, LogNorm):
+        candidates = np.multiply.outer(10.0 ** np.arange(-9, 9), [1, 2, 5]).ravel()
+        inside = candidates[(candidates >= norm.vmin * 0.999) & (candidates <= norm.vmax * 1.001)]
+        few = inside[:: max(1, len(inside) // 4)]
+        bar.set_ticks(few, labels=[f"{tick:g}" for tick in few])
+    else:
+        bar.set_ticks(MaxNLocator(4).tick_values(bar.vmin, bar.vmax)[:-1])
+        bar.ax.set_xlim(bar.vmin, bar.vmax)
 
 
 @styled

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from guided_gym.envs import palette
 from guided_gym.envs.rendering import spaced
 from guided_gym.guidance.search_space import Uninformed, Voronoi
-from guided_gym.train.style import MUTED, TARGET_MAP
+from guided_gym.train.style import INK, TARGET_MAP
 
 if TYPE_CHECKING:
     from guided_gym.environment import Environment
@@ -31,13 +31,14 @@ PATH = palette.hexadecimal(palette.PATH)
 FREE = palette.hexadecimal(palette.FREE)
 OBSTACLE = palette.hexadecimal(palette.OBSTACLE)
 PALE_OBSTACLE = "#b3b8bf"
+FIELD = "#0072B2"
 START = palette.hexadecimal(palette.START)
 GOAL = palette.hexadecimal(palette.GOAL)
 FIELD_CELLS = 160  # along the longer side, of a heuristic drawn as a field
 FIELD_LEVELS = 12
 
 # From the back to the front.
-_CELLS, _OBSTACLES, _EDGES, _NODES, _FAILURES, _PATH, _TASK = range(1, 8)
+_CELLS, _OBSTACLES, _FAILURES, _EDGES, _NODES, _PATH, _TASK = range(1, 8)
 
 
 def draw_workspace(axes: Axes, environment: Environment, colour: str = OBSTACLE) -> None:
@@ -77,9 +78,9 @@ def _mixed(colour: str, share: float) -> tuple[float, ...]:
     return tuple(1.0 - share * (1.0 - channel) for channel in to_rgb(colour))
 
 
-def _shades(colour: str) -> LinearSegmentedColormap:
-    """From almost white to the middle of the colour: for areas that lines are drawn on."""
-    return LinearSegmentedColormap.from_list("shades", [_mixed(colour, 0.04), _mixed(colour, 0.7)])
+def _shades(colour: str, first: float, last: float) -> LinearSegmentedColormap:
+    """From one share of the colour to another, the rest white."""
+    return LinearSegmentedColormap.from_list("shades", [_mixed(colour, first), _mixed(colour, last)])
 
 
 def draw_task(axes: Axes, problem: Problem) -> None:
@@ -95,8 +96,8 @@ def draw_tree(axes: Axes, tree: SearchTree, target: FloatArray | None, norm: Nor
     children = order[parents[order] >= 0]
     edges = np.stack([points[parents[children]], points[children]], axis=1)
     if target is None:
-        axes.add_collection(LineCollection(list(edges), colors=MUTED, linewidths=0.5, zorder=_EDGES))
-        axes.scatter(points[:, 0], points[:, 1], s=2.0, c=MUTED, linewidths=0, zorder=_NODES)
+        axes.add_collection(LineCollection(list(edges), colors=INK, linewidths=0.5, zorder=_EDGES))
+        axes.scatter(points[:, 0], points[:, 1], s=2.0, c=INK, linewidths=0, zorder=_NODES)
         return
     style: dict[str, Any] = {"cmap": TARGET_MAP, "norm": norm}
     lines = LineCollection(list(edges), array=target[children], linewidths=0.7, zorder=_EDGES, **style)
@@ -140,7 +141,7 @@ def draw_guiding_space(axes: Axes, guidance: GuidingSpace, search: Search, colou
     elif isinstance(guidance, Voronoi):
         mappable = _draw_cells(axes, guidance, search, colour)
     elif not isinstance(guidance, Uninformed):
-        mappable = _draw_field(axes, guidance, search, colour)
+        mappable = _draw_field(axes, guidance, search)
     if drawing is None:
         draw_tree(axes, search.tree, None, Normalize())
     draw_task(axes, search.problem)
@@ -166,7 +167,7 @@ def _draw_graph(axes: Axes, drawing: dict[str, NDArray[Any]], colour: str) -> An
         lines.set_color(colour)
         return None
     h = values[drawing["edges"][alive]].mean(axis=1)
-    lines.set(array=np.ma.masked_invalid(h), cmap=_shades(colour).reversed(), label="h (length)")
+    lines.set(array=np.ma.masked_invalid(h), cmap=_shades(colour, 1.0, 0.3), label="h (length)")
     return lines
 
 
@@ -182,14 +183,16 @@ def _draw_cells(axes: Axes, guidance: Voronoi, search: Search, colour: str) -> A
     inside_cell, inside_node = index.query(parts, predicate="intersects")
     node[inside_cell] = inside_node
     share = 100 * guidance.distribution(search.tree)[node]
-    patches = PatchCollection([_patch(part) for part in parts], cmap=_shades(colour), zorder=_CELLS)
+    patches = PatchCollection(
+        [_patch(part) for part in parts], cmap=_shades(colour, 0.04, 0.6), zorder=_CELLS
+    )
     patches.set(edgecolor="white", linewidth=0.4, array=share, label="share of C (%)")
     patches.set_clim(0.0, max(float(share.max()), 1e-12))
     axes.add_collection(patches)
     return patches
 
 
-def _draw_field(axes: Axes, guidance: GuidingSpace, search: Search, colour: str) -> Any:
+def _draw_field(axes: Axes, guidance: GuidingSpace, search: Search) -> Any:
     """The heuristic over the workspace, its other coordinates held at the goal's."""
     xmin, ymin, xmax, ymax = search.problem.environment.bounds
     cell = max(xmax - xmin, ymax - ymin) / FIELD_CELLS
@@ -198,7 +201,7 @@ def _draw_field(axes: Axes, guidance: GuidingSpace, search: Search, colour: str)
     q = np.tile(search.goal, (x.size * y.size, 1))
     q[:, 0], q[:, 1] = np.tile(x, y.size), np.repeat(y, x.size)
     h = np.asarray(guidance.heuristic(guidance.project(search.tree, q)), np.float64).reshape(y.size, x.size)
-    shades = _shades(colour).reversed()
+    shades = _shades(FIELD, 0.7, 0.03)
     field = axes.contourf(x, y, np.ma.masked_invalid(h), FIELD_LEVELS, cmap=shades, zorder=_CELLS)
     field.set_label("h (length)")
     return field

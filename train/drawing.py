@@ -1,0 +1,155 @@
+"""Which figures an evaluation and the paper's reproduction draw, from results and from one seed run again."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from guided_gym.train import figures
+from guided_gym.train.claims import DATABASE_SIZES, DRAWN, PROBLEMS, database_label
+from guided_gym.train.evaluation import Plan, run_once
+from guided_gym.train.results import Results
+from guided_gym.train.specs import made
+from guided_gym.train.statistics import Interval, bootstrap
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+    from guided_gym.guidance.base import GuidingSpace
+    from guided_gym.problems import Problem
+    from guided_gym.search import SearchResult
+
+SMOOTHING = 10  # samples that a curve is averaged over, to be readable
+_PANELS = 8  # trees or guiding spaces in one figure
+
+Named = Iterator[tuple[str, "Figure"]]
+
+
+@dataclass(frozen=True)
+class _Example:
+    """One search run again for a picture; the guiding space keeps what it has learnt."""
+
+    title: str
+    guidance: GuidingSpace
+    problem: Problem
+    result: SearchResult
+
+
+def draw_evaluation(
+    results: Results, plans: Sequence[Plan], folder: Path, drawn: Callable[[str], None] | None = None
+) -> list[Path]:
+    """The figures of an evaluation, per environment: SE over samples, SE by region, trees, guiding spaces.
+
+    Args:
+        results: What was found.
+        plans: What was run; the first seed of each is searched again for the trees.
+        folder: Where the files go.
+        drawn: Called with the name of each figure when it is written.
+
+    Returns:
+        The files.
+
+    Raises:
+        StorageError: The folder cannot be written.
+    """
+    return _save_all(_evaluation_figures(results, plans), folder, drawn)
+
+
+def draw_paper(
+    results: Results, plans: Sequence[Plan], folder: Path, drawn: Callable[[str], None] | None = None
+) -> list[Path]:
+    """The paper's figures; same arguments as `draw_evaluation`."""
+    return _save_all(_paper_figures(results, plans), folder, drawn)
+
+
+def _save_all(named: Named, folder: Path, drawn: Callable[[str], None] | None) -> list[Path]:
+    written: list[Path] = []
+    for name, figure in named:
+        written += figures.save(figure, folder / name)
+        if drawn is not None:
+            drawn(name)
+    return written
+
+
+def _evaluation_figures(results: Results, plans: Sequence[Plan]) -> Named:
+    for environment in results.environments():
+        guidances = results.guidances(environment)
+        yield f"{environment}-efficiency", curves(results, environment, guidances)
+        yield f"{environment}-regions", region_bars(results, environment, guidances)
+        seed = min(run.seed for run in results.runs if run.environment == environment)
+        chosen = [plan for plan in plans if plan.environment == environment][:_PANELS]
+        yield from _examples_drawn(f"{environment}-", [_example(plan, seed) for plan in chosen])
+
+
+def _paper_figures(results: Results, plans: Sequence[Plan]) -> Named:
+    yield "problems", figures.environments()
+    for guidance, problems in (
+        ("rrt", PROBLEMS),
+        ("lazy_prm", ("Cup", "SimplePassage")),
+        ("medial_axis", ("Trap", "SimplePassage")),
+    ):
+        series = {problem: results.curves(problem, guidance) for problem in problems}
+        title = f"{guidance} on {', '.join(problems)}" if len(problems) < len(PROBLEMS) else guidance
+        yield (
+            f"{guidance}-efficiency",
+            figures.efficiency_over_samples(series, title=title, window=SMOOTHING),
+        )
+    trap_cup = ["rrt", "lazy_prm", "medial_axis", "hybrid"]
+    yield "TrapCup-efficiency", curves(results, "TrapCup", trap_cup)
+    yield "TrapCup-regions", region_bars(results, "TrapCup", trap_cup)
+    yield "database", _database_figure(results)
+    by_key = {(plan.environment, plan.spec.label): plan for plan in plans}
+    seed = min(run.seed for run in results.runs)
+    shown = (
+        ("SimplePassage", "rrt"),
+        ("Cup", "lazy_prm"),
+        ("Trap", "medial_axis"),
+        (DRAWN, database_label(DATABASE_SIZES[-1])),
+    )
+    yield from _examples_drawn("paper-", [_example(by_key[key], seed, full=True) for key in shown])
+    multi = [by_key["TrapCup", guidance] for guidance in trap_cup[1:]]
+    yield from _examples_drawn("TrapCup-", [_example(plan, seed) for plan in multi])
+
+
+def curves(results: Results, environment: str, guidances: Sequence[str]) -> Figure:
+    """SE over samples, a curve per guidance."""
+    series = {guidance: results.curves(environment, guidance) for guidance in guidances}
+    return figures.efficiency_over_samples(series, title=environment, window=SMOOTHING)
+
+
+def region_bars(results: Results, environment: str, guidances: Sequence[str]) -> Figure:
+    """Total SE by region of the selected node, a bar per guidance."""
+    values: dict[str, dict[str, Interval]] = {
+        guidance: {
+            region: bootstrap(sums) for region, sums in results.by_region(environment, guidance).items()
+        }
+        for guidance in guidances
+    }
+    return figures.regions(values, title=environment, label="total SE in the region (nats)")
+
+
+def _database_figure(results: Results) -> Figure:
+    labels = [database_label(size) for size in DATABASE_SIZES]
+    efficiency = [bootstrap(results.values(DRAWN, label, "efficiency_per_sample")) for label in labels]
+    seconds = [bootstrap(results.values(DRAWN, label, "seconds_per_sample")) for label in labels]
+    baseline = bootstrap(results.values(DRAWN, "rrt", "efficiency_per_sample"))
+    return figures.database(DATABASE_SIZES, efficiency, seconds, baseline=baseline, title=DRAWN)
+
+
+def _example(plan: Plan, seed: int, full: bool = False) -> _Example:
+    problem, result = run_once(plan, seed)
+    label = figures.label_of(plan.spec.label)
+    return _Example(f"{label} on {plan.environment}" if full else label, made(plan.spec), problem, result)
+
+
+def _examples_drawn(prefix: str, examples: list[_Example]) -> Named:
+    yield (
+        f"{prefix}trees",
+        figures.search_trees([(one.title, one.result, one.problem) for one in examples]),
+    )
+    yield (
+        f"{prefix}guiding-spaces",
+        figures.guiding_spaces([(one.title, one.guidance, None) for one in examples]),
+    )
