@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any, ClassVar, Final, SupportsFloat
 
 import gymnasium
 import numpy as np
+import shapely
 from gymnasium import spaces
 from numpy.typing import NDArray
 
@@ -228,6 +229,7 @@ class GuidedSearchEnv(gymnasium.Env[Observation, Action]):
         self._efficiency = 0.0
         self._terminated, self._truncated = search.solved, False
         self._regions: dict[int, str] = {}
+        self._areas = _prepared(problem)
         if self.render_mode == "human":
             self.render()
         return self._observer.extract(search), self._info(invalid=False)
@@ -355,12 +357,18 @@ class GuidedSearchEnv(gymnasium.Env[Observation, Action]):
     def _region(self, search: Search, node: int) -> str:
         """Name of the region that a node's reference point is in; "" outside all."""
         if node not in self._regions:
-            from shapely import intersects_xy
-
+            names, areas = self._areas
             x, y = search.tree._configurations[node, :2].tolist()
-            inside = (name for name, area in search.problem.regions.items() if intersects_xy(area, x, y))
-            self._regions[node] = next(inside, "")
+            inside = np.flatnonzero(shapely.intersects_xy(areas, x, y))
+            self._regions[node] = names[inside[0]] if inside.size else ""
         return self._regions[node]
+
+
+def _prepared(problem: Problem) -> tuple[list[str], NDArray[np.object_]]:
+    """Names and areas of the problem's regions, quick to ask."""
+    areas = np.array(list(problem.regions.values()), dtype=object)
+    shapely.prepare(areas)
+    return list(problem.regions), areas
 
 
 def _check_choice(option: str, value: object, known: tuple[str | None, ...]) -> None:

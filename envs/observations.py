@@ -43,16 +43,10 @@ class NodeColumn(IntEnum):
 
 COLUMNS: Final = len(NodeColumn)
 MAX_COST: Final = 4.0
-_SIGNED: Final = (
-    NodeColumn.X,
-    NodeColumn.Y,
-    NodeColumn.COS,
-    NodeColumn.SIN,
-    NodeColumn.GOAL_X,
-    NodeColumn.GOAL_Y,
-    NodeColumn.GOAL_COS,
-    NodeColumn.GOAL_SIN,
-)
+_PLACE_IN_TREE: Final = slice(int(NodeColumn.COST_TO_COME), int(NodeColumn.FAILURES) + 1)
+# Bounds of each column: signed up to GOAL_SIN, then not.
+_LOW: Final = np.where(np.arange(COLUMNS) <= NodeColumn.GOAL_SIN, -1, 0).astype(np.float32)
+_HIGH: Final = np.where(np.arange(COLUMNS) == NodeColumn.COST_TO_COME, MAX_COST, 1).astype(np.float32)
 
 
 class Observer(Protocol):
@@ -137,13 +131,11 @@ class TreeObservation:
         self._counts: list[float] = (
             (np.log1p(np.arange(max_samples + 2)) / math.log1p(max(max_samples, 1))).clip(max=1).tolist()
         )
-        low, high = np.zeros(COLUMNS, np.float32), np.ones(COLUMNS, np.float32)
-        low[list(_SIGNED)] = -1
-        high[NodeColumn.COST_TO_COME] = MAX_COST
+        low, high = np.tile(_LOW, max_nodes), np.tile(_HIGH, max_nodes)
         n = self._raster
         return spaces.Dict(
             {
-                "nodes": spaces.Box(np.tile(low, max_nodes), np.tile(high, max_nodes), dtype=np.float32),
+                "nodes": spaces.Box(low, high, dtype=np.float32),
                 "parents": spaces.Box(NO_PARENT, max_nodes - 1, (max_nodes,), np.int32),
                 "action_mask": spaces.Box(0, 1, (max_nodes,), np.int8),
                 "start": spaces.Box(-1, 1, (4,), np.float32),
@@ -210,50 +202,50 @@ class TreeObservation:
     def _write_configuration(self, search: Search, i: int) -> None:
         """The columns that depend on the configuration alone, so are written once."""
         q = search.tree._configurations[i]
-        values, goal = q.tolist(), self._goal
+        values, goal, turns = q.tolist(), self._goal, self._angle >= 0
         (x0, y0), (width, height) = self._low, self._size
-        angle = values[self._angle] if self._angle >= 0 else 0.0
-        turn = goal[self._angle] - angle if self._angle >= 0 else 0.0
+        angle = values[self._angle] if turns else 0.0
+        turn = math.remainder(goal[self._angle] - angle, 2 * math.pi) if turns else 0.0
         dx, dy = goal[0] - values[0], goal[1] - values[1]
-        short_turn = math.remainder(turn, 2 * math.pi)
-        self._nodes[i] = (
-            _clip(2 * (values[0] - x0) / width - 1, -1.0),
-            _clip(2 * (values[1] - y0) / height - 1, -1.0),
+        row = self._nodes[i]
+        row[:] = (
+            2 * (values[0] - x0) / width - 1,
+            2 * (values[1] - y0) / height - 1,
             math.cos(angle),
             math.sin(angle),
-            _clip(dx / width, -1.0),
-            _clip(dy / height, -1.0),
+            dx / width,
+            dy / height,
             math.cos(turn),
             math.sin(turn),
-            _clip(math.hypot(dx, dy, self._turn_weight * short_turn) / self._unit, 0.0),
+            math.hypot(dx, dy, self._turn_weight * turn) / self._unit,
             0.0,
             0.0,
             0.0,
             0.0,
-            _clip(float(search.space.clearance(q)) / self._room, 0.0),
+            float(search.space.clearance(q)) / self._room,
         )
+        # Positions may leave the bounds where the robot lies beside its reference point.
+        np.clip(row, _LOW, _HIGH, out=row)
 
     def _write_place_in_tree(self, search: Search, i: int) -> None:
         """The columns that change while the tree grows."""
-        tree, row, counts = search.tree, self._nodes[i], self._counts
+        tree, counts = search.tree, self._counts
         last = len(counts) - 1
-        row[NodeColumn.COST_TO_COME] = min(float(tree._costs[i]) / self._unit, MAX_COST)
-        row[NodeColumn.DEPTH] = counts[min(int(tree._depths[i]), last)]
-        row[NodeColumn.CHILDREN] = counts[min(int(tree._children[i]), last)]
-        row[NodeColumn.FAILURES] = counts[min(int(tree._failures[i]), last)]
+        self._nodes[i, _PLACE_IN_TREE] = (
+            min(tree._costs.item(i) / self._unit, MAX_COST),
+            counts[min(tree._depths.item(i), last)],
+            counts[min(tree._children.item(i), last)],
+            counts[min(tree._failures.item(i), last)],
+        )
         self._parents[i] = tree._parents[i]
 
     def _pose(self, q: NDArray[np.float64]) -> NDArray[np.float32]:
         angle = float(q[self._angle]) if self._angle >= 0 else 0.0
         x, y = (2 * (float(q[k]) - self._low[k]) / self._size[k] - 1 for k in (0, 1))
-        return np.array([_clip(x, -1.0), _clip(y, -1.0), math.cos(angle), math.sin(angle)], np.float32)
+        return np.array([x, y, math.cos(angle), math.sin(angle)], np.float32).clip(-1, 1)
 
     def _workspace(self, environment: Environment) -> NDArray[np.uint8]:
         if self._drawn is None or self._drawn[0] is not environment:
             cells = environment.raster(self._raster)[np.newaxis] * np.uint8(255)
             self._drawn = (environment, cells)
         return self._drawn[1]
-
-
-def _clip(value: float, low: float) -> float:
-    return low if value < low else min(value, 1.0)
