@@ -16,23 +16,13 @@ calls `GrowingIndex.reserve` and enters the kernel again with the *new* `state`.
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, TypeAlias, TypeVar
+from typing import TypeAlias, TypeVar
 
 import numpy as np
+from numba import njit
 from numpy.typing import ArrayLike, NDArray
 
 from guided_gym.errors import InvalidInputError
-
-if TYPE_CHECKING:
-    from collections.abc import Callable
-
-    _F = TypeVar("_F", bound=Callable[..., object])
-
-    def njit(*, cache: bool) -> Callable[[_F], _F]:
-        """Stand in for numba's untyped decorator in static checks."""
-        ...
-else:
-    from numba import njit
 
 _Number = TypeVar("_Number", bound=np.number)
 
@@ -58,15 +48,14 @@ STACK_SIZE = 128  # the depth stays below log(n) / log(1 / MAX_SHARE) + LEAF_SIZ
 MAX_SHARE = 0.75  # a child with a larger share of its parent's points has the parent rebuilt
 MIN_REBUILD = 8 * LEAF_SIZE
 MAX_DIMENSION = 16
-ROUNDING = 1.0 + 1e-12  # widens a radius before pruning where the bound's rounding is not monotone
 
-_AXIS, _LEFT, _RIGHT, _COUNT, _LOWEST, _BUCKET = range(6)
-_POINTS, _NODES, _FREE, _STACK = range(4)
-_NONE = -1
+AXIS, LEFT, RIGHT, COUNT, LOWEST, BUCKET = range(6)
+POINTS, NODES, FREE, STACK = range(4)
+NONE = -1
 
 
 @njit(cache=True)
-def _wrapped(value: float, period: float) -> float:
+def wrapped(value: float, period: float) -> float:
     """Return `value` in [-period/2, period/2); unchanged where the period is infinite."""
     half = 0.5 * period
     if -half <= value < half or not np.isfinite(period):
@@ -78,14 +67,15 @@ def _wrapped(value: float, period: float) -> float:
 
 
 @njit(cache=True)
-def _load_query(work: Floats, q: Floats) -> None:
+def load_query(work: Floats, q: Floats) -> None:
+    """Write a configuration, wrapped, to where the distance functions read it."""
     d = q.shape[0]
     for j in range(d):
-        work[2 * d + j] = _wrapped(q[j], work[d + j])
+        work[2 * d + j] = wrapped(q[j], work[d + j])
 
 
 @njit(cache=True)
-def _point_distance2(points: Floats, i: int, work: Floats) -> float:
+def point_distance2(points: Floats, i: int, work: Floats) -> float:
     """Squared distance of point `i` from the loaded query."""
     d = points.shape[1]
     total = 0.0
@@ -97,7 +87,7 @@ def _point_distance2(points: Floats, i: int, work: Floats) -> float:
 
 
 @njit(cache=True)
-def _box_distance2(boxes: Floats, node: int, work: Floats) -> float:
+def box_distance2(boxes: Floats, node: int, work: Floats) -> float:
     """Squared distance of the loaded query from a node's box, the shorter way round where periodic."""
     d = boxes.shape[1] // 2
     total = 0.0
@@ -113,12 +103,12 @@ def _box_distance2(boxes: Floats, node: int, work: Floats) -> float:
 
 @njit(cache=True)
 def _new_node(nodes: NDArray[np.int32], boxes: Floats, counters: Ints) -> int:
-    node: int = counters[_FREE]
+    node: int = counters[FREE]
     if node >= 0:
-        counters[_FREE] = nodes[node, _LEFT]
+        counters[FREE] = nodes[node, LEFT]
     else:
-        node = counters[_NODES]
-        counters[_NODES] = node + 1
+        node = counters[NODES]
+        counters[NODES] = node + 1
     _clear_node(nodes, boxes, node)
     return node
 
@@ -126,8 +116,8 @@ def _new_node(nodes: NDArray[np.int32], boxes: Floats, counters: Ints) -> int:
 @njit(cache=True)
 def _clear_node(nodes: NDArray[np.int32], boxes: Floats, node: int) -> None:
     d = boxes.shape[1] // 2
-    nodes[node, _AXIS] = _NONE
-    nodes[node, _COUNT] = 0
+    nodes[node, AXIS] = NONE
+    nodes[node, COUNT] = 0
     for j in range(d):
         boxes[node, j] = np.inf
         boxes[node, d + j] = -np.inf
@@ -137,9 +127,9 @@ def _clear_node(nodes: NDArray[np.int32], boxes: Floats, node: int) -> None:
 def _include(points: Floats, nodes: NDArray[np.int32], boxes: Floats, node: int, i: int) -> None:
     """Count point `i` in `node` and widen its box."""
     d = points.shape[1]
-    if nodes[node, _COUNT] == 0 or i < nodes[node, _LOWEST]:
-        nodes[node, _LOWEST] = i
-    nodes[node, _COUNT] += 1
+    if nodes[node, COUNT] == 0 or i < nodes[node, LOWEST]:
+        nodes[node, LOWEST] = i
+    nodes[node, COUNT] += 1
     for j in range(d):
         boxes[node, j] = min(boxes[node, j], points[i, j])
         boxes[node, d + j] = max(boxes[node, d + j], points[i, j])
@@ -200,15 +190,15 @@ def _build(state: State, root: int, ids: NDArray[np.int32]) -> None:
             _include(points, nodes, boxes, node, ids[s])
         if stop - start <= LEAF_SIZE:
             for s in range(start, stop):
-                nodes[node, _BUCKET + s - start] = ids[s]
+                nodes[node, BUCKET + s - start] = ids[s]
             continue
         axis = _widest_axis(boxes, node, work)
         middle = _select_middle(points, ids, start, stop, axis)
-        nodes[node, _AXIS] = axis
+        nodes[node, AXIS] = axis
         boxes[node, 2 * d] = points[ids[middle], axis]
         for side in range(2):
             child = _new_node(nodes, boxes, counters)
-            nodes[node, _LEFT + side] = child
+            nodes[node, LEFT + side] = child
             pending[top, 0] = child
             pending[top, 1] = middle if side else start
             pending[top, 2] = stop if side else middle
@@ -219,25 +209,25 @@ def _build(state: State, root: int, ids: NDArray[np.int32]) -> None:
 def _dissolve(state: State, root: int, extra: int) -> NDArray[np.int32]:
     """Free every node under `root`, clear `root` itself, and return the ids that it held, and `extra`."""
     _, nodes, boxes, _, counters = state
-    ids = np.empty(nodes[root, _COUNT] + 1, np.int32)
+    ids = np.empty(nodes[root, COUNT] + 1, np.int32)
     ids[0] = extra
     found = 1
-    counters[_STACK] = root
+    counters[STACK] = root
     top = 1
     while top > 0:
         top -= 1
-        node = counters[_STACK + top]
-        if nodes[node, _AXIS] < 0:
-            for s in range(nodes[node, _COUNT]):
-                ids[found] = nodes[node, _BUCKET + s]
+        node = counters[STACK + top]
+        if nodes[node, AXIS] < 0:
+            for s in range(nodes[node, COUNT]):
+                ids[found] = nodes[node, BUCKET + s]
                 found += 1
         else:
-            counters[_STACK + top] = nodes[node, _RIGHT]
-            counters[_STACK + top + 1] = nodes[node, _LEFT]
+            counters[STACK + top] = nodes[node, RIGHT]
+            counters[STACK + top + 1] = nodes[node, LEFT]
             top += 2
         if node != root:
-            nodes[node, _LEFT] = counters[_FREE]
-            counters[_FREE] = node
+            nodes[node, LEFT] = counters[FREE]
+            counters[FREE] = node
     _clear_node(nodes, boxes, root)
     return ids[:found]
 
@@ -246,11 +236,11 @@ def _dissolve(state: State, root: int, extra: int) -> NDArray[np.int32]:
 def _child_for(state: State, node: int, i: int) -> int:
     """Choose the child that takes point `i`; a point on the split plane goes to the smaller side."""
     points, nodes, boxes, _, _ = state
-    value = points[i, nodes[node, _AXIS]]
+    value = points[i, nodes[node, AXIS]]
     split = boxes[node, 2 * points.shape[1]]
-    left: int = nodes[node, _LEFT]
-    right: int = nodes[node, _RIGHT]
-    if value < split or (value == split and nodes[left, _COUNT] <= nodes[right, _COUNT]):
+    left: int = nodes[node, LEFT]
+    right: int = nodes[node, RIGHT]
+    if value < split or (value == split and nodes[left, COUNT] <= nodes[right, COUNT]):
         return left
     return right
 
@@ -262,7 +252,7 @@ def insert(state: State, q: Floats) -> int:
     Amortised O(log n) for every order of insertion (rarely a rebuild: O(log^2 n)).
     """
     points, nodes, boxes, work, counters = state
-    i: int = counters[_POINTS]
+    i: int = counters[POINTS]
     d = points.shape[1]
     if i >= points.shape[0]:
         return FULL
@@ -270,18 +260,18 @@ def insert(state: State, q: Floats) -> int:
         if not np.isfinite(q[j]):
             return NOT_FINITE
     for j in range(d):
-        points[i, j] = _wrapped(q[j], work[d + j])
-    counters[_POINTS] = i + 1
-    node, lopsided = 0, _NONE
-    while nodes[node, _AXIS] >= 0:
+        points[i, j] = wrapped(q[j], work[d + j])
+    counters[POINTS] = i + 1
+    node, lopsided = 0, NONE
+    while nodes[node, AXIS] >= 0:
         _include(points, nodes, boxes, node, i)
         child = _child_for(state, node, i)
-        count = nodes[node, _COUNT]
-        if lopsided < 0 and count > MIN_REBUILD and nodes[child, _COUNT] + 1 > MAX_SHARE * count:
+        count = nodes[node, COUNT]
+        if lopsided < 0 and count > MIN_REBUILD and nodes[child, COUNT] + 1 > MAX_SHARE * count:
             lopsided = node
         node = child
-    if lopsided < 0 and nodes[node, _COUNT] < LEAF_SIZE:
-        nodes[node, _BUCKET + nodes[node, _COUNT]] = i
+    if lopsided < 0 and nodes[node, COUNT] < LEAF_SIZE:
+        nodes[node, BUCKET + nodes[node, COUNT]] = i
         _include(points, nodes, boxes, node, i)
     else:
         if lopsided >= 0:
@@ -308,61 +298,61 @@ def _offer(d2: float, i: int, indices: Ints, squares: Floats) -> None:
 def _search(state: State, q: Floats, indices: Ints, squares: Floats) -> None:
     """Fill `indices` and `squares` (k,) with the k nearest; k must not exceed the number of points."""
     points, nodes, boxes, work, counters = state
-    n, last, stacked = counters[_POINTS], indices.shape[0] - 1, 3 * points.shape[1]
-    _load_query(work, q)
+    n, last, stacked = counters[POINTS], indices.shape[0] - 1, 3 * points.shape[1]
+    load_query(work, q)
     for s in range(last + 1):
         indices[s], squares[s] = n, np.inf
     node, node_d2, top = 0, 0.0, 0
     while True:
-        while node_d2 < squares[last] or (node_d2 == squares[last] and nodes[node, _LOWEST] < indices[last]):
-            if nodes[node, _AXIS] < 0:
-                for s in range(nodes[node, _COUNT]):
-                    i = nodes[node, _BUCKET + s]
-                    _offer(_point_distance2(points, i, work), i, indices, squares)
+        while node_d2 < squares[last] or (node_d2 == squares[last] and nodes[node, LOWEST] < indices[last]):
+            if nodes[node, AXIS] < 0:
+                for s in range(nodes[node, COUNT]):
+                    i = nodes[node, BUCKET + s]
+                    _offer(point_distance2(points, i, work), i, indices, squares)
                 break
-            near, far = nodes[node, _LEFT], nodes[node, _RIGHT]
-            near_d2, far_d2 = _box_distance2(boxes, near, work), _box_distance2(boxes, far, work)
+            near, far = nodes[node, LEFT], nodes[node, RIGHT]
+            near_d2, far_d2 = box_distance2(boxes, near, work), box_distance2(boxes, far, work)
             if far_d2 < near_d2:
                 near, far, near_d2, far_d2 = far, near, far_d2, near_d2
             if far_d2 <= squares[last]:
-                counters[_STACK + top], work[stacked + top] = far, far_d2
+                counters[STACK + top], work[stacked + top] = far, far_d2
                 top += 1
             node, node_d2 = near, near_d2
         if top == 0:
             return
         top -= 1
-        node, node_d2 = counters[_STACK + top], work[stacked + top]
+        node, node_d2 = counters[STACK + top], work[stacked + top]
 
 
 @njit(cache=True)
 def nearest(state: State, q: Floats) -> tuple[int, float]:
     """Return the nearest configuration's index and distance; (-1, inf) if none or q is not finite."""
     points, nodes, boxes, work, counters = state
-    n, stacked = counters[_POINTS], 3 * points.shape[1]
-    _load_query(work, q)
+    n, stacked = counters[POINTS], 3 * points.shape[1]
+    load_query(work, q)
     best, best_d2 = n, np.inf
     node, node_d2, top = 0, 0.0, 0
     while True:
-        while node_d2 < best_d2 or (node_d2 == best_d2 and nodes[node, _LOWEST] < best):
-            if nodes[node, _AXIS] < 0:
-                for s in range(nodes[node, _COUNT]):
-                    i = nodes[node, _BUCKET + s]
-                    d2 = _point_distance2(points, i, work)
+        while node_d2 < best_d2 or (node_d2 == best_d2 and nodes[node, LOWEST] < best):
+            if nodes[node, AXIS] < 0:
+                for s in range(nodes[node, COUNT]):
+                    i = nodes[node, BUCKET + s]
+                    d2 = point_distance2(points, i, work)
                     if d2 < best_d2 or (d2 == best_d2 and i < best):
                         best, best_d2 = i, d2
                 break
-            near, far = nodes[node, _LEFT], nodes[node, _RIGHT]
-            near_d2, far_d2 = _box_distance2(boxes, near, work), _box_distance2(boxes, far, work)
+            near, far = nodes[node, LEFT], nodes[node, RIGHT]
+            near_d2, far_d2 = box_distance2(boxes, near, work), box_distance2(boxes, far, work)
             if far_d2 < near_d2:
                 near, far, near_d2, far_d2 = far, near, far_d2, near_d2
             if far_d2 <= best_d2:
-                counters[_STACK + top], work[stacked + top] = far, far_d2
+                counters[STACK + top], work[stacked + top] = far, far_d2
                 top += 1
             node, node_d2 = near, near_d2
         if top == 0:
             break
         top -= 1
-        node, node_d2 = counters[_STACK + top], work[stacked + top]
+        node, node_d2 = counters[STACK + top], work[stacked + top]
     if best_d2 == np.inf:
         return -1, np.inf
     return best, np.sqrt(best_d2)
@@ -371,7 +361,7 @@ def nearest(state: State, q: Floats) -> tuple[int, float]:
 @njit(cache=True)
 def k_nearest(state: State, q: Floats, k: int) -> tuple[Ints, Floats]:
     """Return indices (k,) int64 and distances (k,), nearest first, ties by index; fewer if fewer exist."""
-    k = min(k, state[4][_POINTS])
+    k = min(k, state[4][POINTS])
     indices, squares = np.empty(k, np.int64), np.empty(k, np.float64)
     if k > 0:
         _search(state, q, indices, squares)
@@ -419,124 +409,28 @@ def first_sorted(values: Ints, count: int) -> Ints:
 def within(state: State, q: Floats, r: float) -> Ints:
     """Return the indices (m,) int64, ascending, of all configurations at a distance of at most `r`."""
     points, nodes, boxes, work, counters = state
-    _load_query(work, q)
+    load_query(work, q)
     found, hits = 0, np.empty(64, np.int64)
-    counters[_STACK] = 0
+    counters[STACK] = 0
     top = 1
     while top > 0:
         top -= 1
-        node = counters[_STACK + top]
-        if np.sqrt(_box_distance2(boxes, node, work)) > r:
+        node = counters[STACK + top]
+        if np.sqrt(box_distance2(boxes, node, work)) > r:
             continue
-        if nodes[node, _AXIS] >= 0:
-            counters[_STACK + top] = nodes[node, _RIGHT]
-            counters[_STACK + top + 1] = nodes[node, _LEFT]
+        if nodes[node, AXIS] >= 0:
+            counters[STACK + top] = nodes[node, RIGHT]
+            counters[STACK + top + 1] = nodes[node, LEFT]
             top += 2
             continue
         if found + LEAF_SIZE > hits.shape[0]:
             hits = doubled(hits)
-        for s in range(nodes[node, _COUNT]):
-            i = nodes[node, _BUCKET + s]
-            if np.sqrt(_point_distance2(points, i, work)) <= r:
+        for s in range(nodes[node, COUNT]):
+            i = nodes[node, BUCKET + s]
+            if np.sqrt(point_distance2(points, i, work)) <= r:
                 hits[found] = i
                 found += 1
     return first_sorted(hits, found)
-
-
-@njit(cache=True)
-def _offset(points: Floats, i: int, work: Floats, j: int, turned: int) -> float:
-    """Coordinate j of point `i` minus the query, the short way round, the other way if `turned` says so."""
-    period = work[points.shape[1] + j]
-    delta: float = points[i, j] - work[2 * points.shape[1] + j]
-    if 2.0 * abs(delta) > period:
-        delta -= np.copysign(period, delta)
-    if (turned >> j) & 1:
-        delta -= np.copysign(period, delta)
-    return delta
-
-
-@njit(cache=True)
-def _shifted_distance2(points: Floats, i: int, work: Floats, halves: Floats, row: int, turned: int) -> float:
-    """Squared distance of the origin from `offset + t * halves[row]`, t in [-1, 1]."""
-    d = points.shape[1]
-    along, length2 = 0.0, 0.0
-    for j in range(d):
-        half = halves[row, j] * work[j]
-        along -= _offset(points, i, work, j, turned) * work[j] * half
-        length2 += half * half
-    t = 0.0
-    if length2 > 0.0:
-        t = min(1.0, max(-1.0, along / length2))
-    total = 0.0
-    for j in range(d):
-        gap = (_offset(points, i, work, j, turned) + t * halves[row, j]) * work[j]
-        total += gap * gap
-    return total
-
-
-@njit(cache=True)
-def segment_distance2(points: Floats, i: int, work: Floats, halves: Floats, row: int) -> float:
-    """Squared distance between a segment and a configuration, over every way round.
-
-    One of point `i` and the loaded query is the segment's midpoint, the other the configuration;
-    `halves[row]` (d,) is half the segment's difference vector, so at most a quarter of a period long.
-    """
-    d = points.shape[1]
-    turnable = 0
-    for j in range(d):
-        period = work[d + j]
-        delta = abs(points[i, j] - work[2 * d + j])
-        if min(delta, period - delta) + abs(halves[row, j]) > 0.5 * period:
-            turnable |= 1 << j  # one end of the segment is nearer the other way round
-    best = _shifted_distance2(points, i, work, halves, row, 0)
-    turned = turnable
-    while turned > 0:
-        best = min(best, _shifted_distance2(points, i, work, halves, row, turned))
-        turned = (turned - 1) & turnable
-    return best
-
-
-@njit(cache=True)
-def load_segment(work: Floats, a: Floats, b: Floats, halves: Floats, row: int) -> float:
-    """Load the midpoint of the short way from `a` to `b` as the query; return half of its length.
-
-    Half of the difference vector goes to `halves[row]`.
-    """
-    d = a.shape[0]
-    half2: float = 0.0
-    for j in range(d):
-        period = work[d + j]
-        start = _wrapped(a[j], period)
-        half = 0.5 * _wrapped(b[j] - start, period)
-        halves[row, j] = half
-        work[2 * d + j] = _wrapped(start + half, period)
-        half2 += (half * work[j]) ** 2
-    return float(np.sqrt(half2))
-
-
-@njit(cache=True)
-def near_segment(state: State, a: Floats, b: Floats, r: float) -> int:
-    """Return some configuration within `r` of the straight short way from `a` to `b`, or -1 if none is."""
-    points, nodes, boxes, work, counters = state
-    halves = np.empty((1, points.shape[1]))
-    reach = (r + load_segment(work, a, b, halves, 0)) * ROUNDING
-    counters[_STACK] = 0
-    top = 1
-    while top > 0:
-        top -= 1
-        node = counters[_STACK + top]
-        if np.sqrt(_box_distance2(boxes, node, work)) > reach:
-            continue
-        if nodes[node, _AXIS] >= 0:
-            counters[_STACK + top] = nodes[node, _RIGHT]
-            counters[_STACK + top + 1] = nodes[node, _LEFT]
-            top += 2
-            continue
-        for s in range(nodes[node, _COUNT]):
-            i: int = nodes[node, _BUCKET + s]
-            if np.sqrt(segment_distance2(points, i, work, halves, 0)) <= r:
-                return i
-    return -1
 
 
 @njit(cache=True)
@@ -573,9 +467,9 @@ def _depth(nodes: NDArray[np.int32]) -> int:
         top -= 1
         node, level = pending[top, 0], pending[top, 1] + 1
         deepest = max(deepest, level)
-        if nodes[node, _AXIS] >= 0:
-            pending[top, 0], pending[top, 1] = nodes[node, _RIGHT], level
-            pending[top + 1, 0], pending[top + 1, 1] = nodes[node, _LEFT], level
+        if nodes[node, AXIS] >= 0:
+            pending[top, 0], pending[top, 1] = nodes[node, RIGHT], level
+            pending[top + 1, 0], pending[top + 1, 1] = nodes[node, LEFT], level
             top += 2
     return deepest
 
@@ -623,12 +517,12 @@ class GrowingIndex:
         d = w.shape[0]
         work = np.empty(3 * d + STACK_SIZE)
         work[:d], work[d : 2 * d] = w, np.where(p > 0, p, np.inf)
-        counters = np.zeros(_STACK + STACK_SIZE, np.int64)
-        counters[_NODES], counters[_FREE] = 1, _NONE
+        counters = np.zeros(STACK + STACK_SIZE, np.int64)
+        counters[NODES], counters[FREE] = 1, NONE
         rows = max(int(capacity), 1)
         points, nodes, boxes = self._arrays(rows, d)
         _clear_node(nodes, boxes, 0)
-        nodes[0, _LOWEST] = 0
+        nodes[0, LOWEST] = 0
         self.state = (points, nodes, boxes, work, counters)
 
     @staticmethod
@@ -637,12 +531,12 @@ class GrowingIndex:
         node_rows = 4 * rows // LEAF_SIZE + 4
         return (
             np.empty((rows, d)),
-            np.empty((node_rows, _BUCKET + LEAF_SIZE), np.int32),
+            np.empty((node_rows, BUCKET + LEAF_SIZE), np.int32),
             np.empty((node_rows, 2 * d + 1)),
         )
 
     def __len__(self) -> int:
-        return int(self.state[4][_POINTS])
+        return int(self.state[4][POINTS])
 
     @property
     def points(self) -> Floats:
@@ -739,17 +633,6 @@ class GrowingIndex:
         if np.isnan(r):
             raise InvalidInputError(f"expected a radius, got {r}")
         return within(self.state, row, float(r))
-
-    def near_segment(self, a: ArrayLike, b: ArrayLike, r: float) -> int:
-        """Return a configuration within `r` of the straight short way from `a` to `b`, or -1 if none is.
-
-        Raises:
-            InvalidInputError: wrong shape, ends that are not finite, or a NaN radius.
-        """
-        ends = self._queries(np.stack([np.asarray(a, dtype=np.float64), np.asarray(b, dtype=np.float64)]))
-        if np.isnan(r):
-            raise InvalidInputError(f"expected a radius, got {r}")
-        return int(near_segment(self.state, ends[0], ends[1], float(r)))
 
     def nearest_many(self, Q: ArrayLike) -> tuple[Ints, Floats]:
         """Return indices (n,) and distances (n,) of the nearest configuration of each row of Q (n, d).

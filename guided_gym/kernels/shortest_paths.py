@@ -12,47 +12,15 @@ over the edges `edge_of[indptr[v]:indptr[v + 1]]`; both directions of an edge sh
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, NamedTuple, TypeAlias, TypeVar
+from typing import NamedTuple, TypeAlias, TypeVar
 
 import numpy as np
+from numba import njit
 from numpy.typing import ArrayLike, NDArray
 
 from guided_gym.errors import InvalidInputError
-from guided_gym.kernels.nearest import (
-    _AXIS,
-    _BUCKET,
-    _COUNT,
-    _LEFT,
-    _RIGHT,
-    _STACK,
-    LEAF_SIZE,
-    ROUNDING,
-    Floats,
-    GrowingIndex,
-    Ints,
-    _box_distance2,
-    _load_query,
-    _point_distance2,
-    checked_metric,
-    doubled,
-    first_sorted,
-    insert,
-    kernel_array,
-    load_segment,
-    segment_distance2,
-)
-from guided_gym.kernels.nearest import State as IndexState
-
-if TYPE_CHECKING:
-    from collections.abc import Callable
-
-    _F = TypeVar("_F", bound=Callable[..., object])
-
-    def njit(*, cache: bool) -> Callable[[_F], _F]:
-        """Stand in for numba's untyped decorator in static checks."""
-        ...
-else:
-    from numba import njit
+from guided_gym.kernels.nearest import Floats, GrowingIndex, Ints, kernel_array
+from guided_gym.kernels.segments import SegmentIndex as SegmentIndex  # a roadmap's edges in space
 
 Int32s: TypeAlias = NDArray[np.int32]
 Adjacency: TypeAlias = tuple[Int32s, Int32s, Int32s]
@@ -514,126 +482,3 @@ def _edge_ends(graph: Adjacency, weights: Floats) -> Int32s:
     if not sound or np.any(tails[pairs] != neighbours[twins]) or np.any(tails[twins] != neighbours[pairs]):
         raise InvalidInputError("expected each edge id twice in edge_of, once from either end")
     return np.stack([tails[pairs], tails[twins]], axis=1)
-
-
-@njit(cache=True)
-def _node_reach(nodes: Int32s, half_lengths: Floats, reach: Floats, used: int) -> None:
-    """Fill reach (node capacity,) with the longest half of a segment in each subtree."""
-    # A child is made after its parent in an index that was filled without rebuilds, but not else: iterate.
-    again = True
-    while again:
-        again = False
-        for node in range(used - 1, -1, -1):
-            longest = 0.0
-            if nodes[node, _AXIS] >= 0:
-                longest = max(reach[nodes[node, _LEFT]], reach[nodes[node, _RIGHT]])
-            else:
-                for s in range(nodes[node, _COUNT]):
-                    longest = max(longest, half_lengths[nodes[node, _BUCKET + s]])
-            if longest != reach[node]:
-                reach[node] = longest
-                again = True
-
-
-@njit(cache=True)
-def _load_segments(state: IndexState, points: Floats, edges: Int32s, halves: Floats, lengths: Floats) -> None:
-    """Insert the midpoints of the edges, and fill halves (m, d) and half lengths (m,)."""
-    work = state[3]
-    d = points.shape[1]
-    for e in range(edges.shape[0]):
-        lengths[e] = load_segment(work, points[edges[e, 0]], points[edges[e, 1]], halves, e)
-        insert(state, work[2 * d : 3 * d].copy())
-
-
-@njit(cache=True)
-def segments_within(
-    state: IndexState, halves: Floats, half_lengths: Floats, reach: Floats, q: Floats, r: float
-) -> Ints:
-    """Return the ids (k,) int64, ascending, of the segments that pass within `r` of `q`.
-
-    Args:
-        state: index of the midpoints.
-        halves: (m, d) half of each segment's difference vector.
-        half_lengths: (m,) their lengths.
-        reach: (node capacity,) longest half of a segment under each node of the index.
-        q: (d,) configuration.
-        r: radius, in the unit of the distance.
-    """
-    points, nodes, boxes, work, counters = state
-    _load_query(work, q)
-    found, hits = 0, np.empty(64, np.int64)
-    counters[_STACK] = 0
-    top = 1
-    while top > 0:
-        top -= 1
-        node = counters[_STACK + top]
-        if np.sqrt(_box_distance2(boxes, node, work)) > (r + reach[node]) * ROUNDING:
-            continue
-        if nodes[node, _AXIS] >= 0:
-            counters[_STACK + top] = nodes[node, _RIGHT]
-            counters[_STACK + top + 1] = nodes[node, _LEFT]
-            top += 2
-            continue
-        if found + LEAF_SIZE > hits.shape[0]:
-            hits = doubled(hits)
-        for s in range(nodes[node, _COUNT]):
-            i = nodes[node, _BUCKET + s]
-            far = (r + half_lengths[i]) * ROUNDING
-            if _point_distance2(points, i, work) > far * far:
-                continue
-            if np.sqrt(segment_distance2(points, i, work, halves, i)) <= r:
-                hits[found] = i
-                found += 1
-    return first_sorted(hits, found)
-
-
-class SegmentIndex:
-    """The edges of a roadmap as straight segments (the short way round), searched by distance.
-
-    Edge ids are positions in `edges`. Not safe for use by two threads at once.
-    """
-
-    def __init__(self, points: ArrayLike, edges: ArrayLike, weights: ArrayLike, periods: ArrayLike) -> None:
-        """Index edges (m, 2) between configurations (n, d).
-
-        Raises:
-            InvalidInputError: wrong shapes, values that are not finite, or ends that are no vertices.
-        """
-        w, p = checked_metric(weights, periods)
-        vertices = kernel_array(points, np.float64)
-        if vertices.ndim != 2 or vertices.shape[1] != len(w) or not np.all(np.isfinite(vertices)):
-            raise InvalidInputError(
-                f"expected finite points of shape (n, {len(w)}), got shape {vertices.shape} or NaN"
-            )
-        ends = kernel_array(np.asarray(edges).reshape(-1, 2), np.int32)
-        m, n = len(ends), len(vertices)
-        if m and (ends.min() < 0 or ends.max() >= n):
-            raise InvalidInputError(f"expected edges between vertices of 0..{n - 1}")
-        index = GrowingIndex(w, p, capacity=max(1, m))
-        self._halves, self._half_lengths = np.empty((m, len(w))), np.empty(m)
-        _load_segments(index.state, vertices, ends, self._halves, self._half_lengths)
-        self._index = index
-        self._reach = np.zeros(len(index.state[1]))
-        _node_reach(index.state[1], self._half_lengths, self._reach, int(index.state[4][1]))
-
-    def __len__(self) -> int:
-        return len(self._halves)
-
-    @property
-    def state(self) -> tuple[IndexState, Floats, Floats, Floats]:
-        """The first four arguments of `segments_within`, for fused kernels."""
-        return self._index.state, self._halves, self._half_lengths, self._reach
-
-    def within(self, q: ArrayLike, r: float) -> Ints:
-        """Return the ids, ascending, of the edges that pass within `r` of configuration `q`.
-
-        Raises:
-            InvalidInputError: wrong shape, a query that is not finite, or a NaN radius.
-        """
-        row = kernel_array(q, np.float64)
-        if row.shape != self._halves.shape[1:] or not np.all(np.isfinite(row)) or np.isnan(r):
-            raise InvalidInputError(
-                f"expected a finite configuration of shape {self._halves.shape[1:]} and a radius, "
-                f"got {row.tolist()} and {r}"
-            )
-        return segments_within(*self.state, row, float(r))
