@@ -45,7 +45,7 @@ FloatArray = NDArray[np.float64]
 EFFICIENCY_LABEL = "sampling efficiency (nats)"
 RESAMPLES = 1000
 PANELS_A_ROW = 4
-TITLE_HEIGHT, BAR_HEIGHT = 0.26, 0.4  # inches
+TITLE_HEIGHT, BAR_HEIGHT, TALLEST_PANEL = 0.26, 0.34, 5.0  # inches
 
 
 @styled
@@ -225,6 +225,7 @@ def _row(problems: Sequence[Problem], *, bar: bool = False) -> tuple[Figure, lis
     rows = -(-len(problems) // columns)
     width = COLUMN if columns == 1 else PAGE
     tallest = max(_aspect(problem) for problem in problems)
+    width = min(width, columns * TALLEST_PANEL / tallest)
     height = rows * (width / columns * tallest + TITLE_HEIGHT + (BAR_HEIGHT if bar else 0.0))
     figure = new_figure(width, height)
     grid = list(np.atleast_1d(figure.subplots(rows, columns)).flat)
@@ -245,7 +246,7 @@ def _bar(figure: Figure, panels: list[Axes], mappable: Any, label: str) -> None:
     if len(panels) == 1:
         bottom, top = panels[0].get_ylim()
         left, right = panels[0].get_xlim()
-        columns = panels[0].get_subplotspec().get_gridspec().ncols  # type: ignore[union-attr]
+        columns: Any = panels[0].get_subplotspec().get_gridspec().ncols  # type: ignore[union-attr]
         inch = (right - left) / (top - bottom) * columns / figure.get_figwidth()  # in heights of the panel
         own = panels[0].inset_axes((0.15, -0.12 * inch, 0.7, 0.05 * inch))
         bar = figure.colorbar(mappable, cax=own, orientation="horizontal")
@@ -260,16 +261,18 @@ def _bar(figure: Figure, panels: list[Axes], mappable: Any, label: str) -> None:
 
 def _few_ticks(bar: Any, norm: Any) -> None:
     """About four round numbers: the bar of a panel is narrow."""
-    if isinstance(norm, LogNorm) and norm.vmax > 100 * norm.vmin:
+    low, high = float(bar.vmin), float(bar.vmax)
+    logarithmic = isinstance(norm, LogNorm)
+    if logarithmic and high > 100 * low:
         return
-    if isinstance(norm, LogNorm):
+    if logarithmic:
         candidates = np.multiply.outer(10.0 ** np.arange(-9, 9), [1, 2, 5]).ravel()
-        inside = candidates[(candidates >= norm.vmin * 0.999) & (candidates <= norm.vmax * 1.001)]
+        inside = candidates[(candidates >= low * 0.999) & (candidates <= high * 1.001)]
         few = inside[:: max(1, len(inside) // 4)]
         bar.set_ticks(few, labels=[f"{tick:g}" for tick in few])
     else:
-        bar.set_ticks(MaxNLocator(4).tick_values(bar.vmin, bar.vmax)[:-1])
-        bar.ax.set_xlim(bar.vmin, bar.vmax)
+        bar.set_ticks(MaxNLocator(4).tick_values(low, high)[:-1])
+        bar.ax.set_xlim(low, high)
 
 
 @styled
