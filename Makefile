@@ -47,7 +47,7 @@ types: $(TEST)/.installed ## Check the types of the installed wheel (mypy --stri
 
 bench: $(BENCH)/.installed ## Run every benchmark; JSON in results/bench
 	@mkdir -p $(RESULTS)/bench
-	@set -e; for program in benchmarks/*.py; do \
+	@set -e; for program in $$(grep -l '^if __name__ == "__main__"' benchmarks/*.py); do \
 		name=$$(basename "$$program" .py); \
 		echo "== $$name"; \
 		$(BENCH)/bin/python "$$program" --json "$(RESULTS)/bench/$$name.json"; \
@@ -75,7 +75,8 @@ $(BENCH)/.installed: $(METADATA) $(SOURCES)
 	@touch $@
 
 # A new environment whenever the pins change, so that nothing stays that they no longer name. The package
-# comes along for its dependencies only and leaves again: the tests get the wheel.
+# comes along for its dependencies only and leaves again: the tests get the wheel. On Linux,
+# PIP_EXTRA_INDEX_URL=https://download.pytorch.org/whl/cpu spares the gigabytes of CUDA that PyPI's torch brings.
 $(TEST)/.dependencies: $(METADATA)
 	@echo "Installing what the tests need into $(TEST) (some minutes the first time) ..."
 	@rm -rf $(TEST) build
