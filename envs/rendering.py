@@ -174,7 +174,8 @@ class _Scene:
         _draw_task(canvas, self._problem)
         if path is None and search.last is not None:
             selected = search.tree.configurations[search.last.node]
-            canvas.robot(self._problem.robot, selected, palette.INK, width=1.5)
+            canvas.robot(self._problem.robot, selected, palette.FREE, width=4.0)  # stands out from the tree
+            canvas.robot(self._problem.robot, selected, palette.INK, width=1.6)
         self._caption.draw(canvas.surface, search, efficiency)
         return canvas.reduced()
 

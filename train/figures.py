@@ -375,6 +375,7 @@ __all__ = [
     "environments",
     "guiding_space",
     "guiding_spaces",
+    "label_of",
     "regions",
     "save",
     "search_tree",
