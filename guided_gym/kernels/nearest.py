@@ -43,7 +43,7 @@ FULL = -1
 NOT_FINITE = -2
 """Returned by `insert` for a configuration with NaN or an infinity; nothing was changed."""
 
-LEAF_SIZE = 16
+LEAF_SIZE = 24
 STACK_SIZE = 128  # the depth stays below log(n) / log(1 / MAX_SHARE) + LEAF_SIZE
 MAX_SHARE = 0.75  # a child with a larger share of its parent's points has the parent rebuilt
 MIN_REBUILD = 8 * LEAF_SIZE
