@@ -123,7 +123,7 @@ def environments(problems: Sequence[Problem] | None = None) -> Figure:
     for axes, problem in zip(panels, problems, strict=True):
         workspace.draw_workspace(axes, problem.environment)
         workspace.draw_task(axes, problem)
-        axes.set_title(problem.name)
+        _title(axes, problem.name)
     return figure
 
 
@@ -163,7 +163,7 @@ def search_trees(
         if path is not None:
             workspace.draw_path(axes, problem, path)
         workspace.draw_task(axes, problem)
-        axes.set_title(title)
+        _title(axes, title)
     _bar(figure, panels, ScalarMappable(norm, TARGET_MAP), "target Q")
     return figure
 
@@ -203,7 +203,7 @@ def guiding_spaces(items: Sequence[tuple[str, GuidingSpace, Search | None]]) -> 
     figure, panels = _row([search.problem for _, _, search in unfolded], bar=True)
     for axes, (title, guidance, search) in zip(panels, unfolded, strict=True):
         mappable = workspace.draw_guiding_space(axes, guidance, search, looks.colour(guidance.name))
-        axes.set_title(title)
+        _title(axes, title)
         if mappable is not None:
             _bar(figure, [axes], mappable, str(mappable.get_label()))
     return figure
@@ -234,6 +234,14 @@ def _row(problems: Sequence[Problem], *, bar: bool = False) -> tuple[Figure, lis
     for axes in grid[: len(problems)]:
         axes.set_anchor("N")
     return figure, grid[: len(problems)]
+
+
+def _title(axes: Axes, text: str) -> None:
+    """A panel's title, in a smaller font if it would run into its neighbour's."""
+    spec: Any = axes.get_subplotspec()
+    figure: Any = axes.figure
+    points = 72.0 * figure.get_figwidth() / spec.get_gridspec().ncols
+    axes.set_title(text, fontsize=min(8.5, points / (0.6 * max(len(text), 1))))
 
 
 def _aspect(problem: Problem) -> float:
