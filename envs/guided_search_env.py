@@ -69,7 +69,7 @@ class GuidedSearchEnv(gymnasium.Env[Observation, Action]):
     Observation space:
         A flat ``Dict`` of padded arrays, see `guided_gym.envs.observations.TreeObservation`; or what
         ``observe`` gives. A PPO buffer over it takes
-        ``4 * environments * steps * (max_nodes * (F + 3) + raster**2 + 16)`` bytes, F = 14 features: 555 MB
+        ``environments * steps * (max_nodes * (4 * F + 9) + raster**2 + 64)`` bytes, F = 14 features: 341 MB
         for 8 environments x 2,048 steps at the defaults (`guided_gym.envs.observations.rollout_bytes`).
 
     Rewards:

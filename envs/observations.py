@@ -81,14 +81,13 @@ def node_table(observation: Mapping[str, NDArray], columns: int = COLUMNS) -> ND
 def rollout_bytes(max_nodes: int = 256, raster: int = 64, environments: int = 8, steps: int = 2048) -> int:
     """Bytes of a PPO rollout buffer over the default observation, with masks.
 
-    ``4 * environments * steps * (max_nodes * (F + 3) + raster**2 + 16)`` with F = `COLUMNS`, since
-    stable-baselines3 keeps all observations and masks as float32. Per node F features, the parent, the mask
-    in the observation and the mask kept by MaskablePPO; 8 numbers for start and goal; 8 for action (twice as
-    wide), reward, return, episode start, value, log-probability and advantage. 555 MB at the defaults;
-    sampling from the buffer copies it once, key by key.
+    ``environments * steps * (max_nodes * (4 * F + 9) + raster**2 + 64)`` with F = `COLUMNS`: per node F
+    float32 features, an int32 parent, the int8 mask in the observation and the float32 mask that MaskablePPO
+    keeps; a byte per cell of the raster; 32 bytes for start and goal, and 32 for action, reward, return,
+    episode start, value, log-probability and advantage. 341 MB at the defaults (were everything kept as
+    float32, 555 MB); sampling from the buffer copies it once, key by key.
     """
-    per_step = max_nodes * (COLUMNS + 3) + raster**2 + 16
-    return 4 * environments * steps * per_step
+    return environments * steps * (max_nodes * (4 * COLUMNS + 9) + raster**2 + 64)
 
 
 class TreeObservation:
@@ -103,8 +102,8 @@ class TreeObservation:
     parents       (max_nodes,) int32          parent of each node, -1 at the root and beyond the tree
     action_mask   (max_nodes,) int8           1 for the nodes that may be expanded: all there are
     start, goal   (4,) float32                x, y, cos, sin, scaled like the nodes
-    raster        (1, raster, raster) uint8   the workspace: 255 where a cell's centre is in an obstacle;
-                                              row 0 is the bottom, column 0 the left
+    raster        (1, raster, raster) uint8   the workspace: 255 times the share of a cell that obstacles
+                                              cover (of four points); row 0 is the bottom, column 0 the left
     ============  ==========================  ========================================================
 
     The table of nodes is flat since stable-baselines3 takes vectors and images, and warns of all else.
@@ -246,6 +245,9 @@ class TreeObservation:
 
     def _workspace(self, environment: Environment) -> NDArray[np.uint8]:
         if self._drawn is None or self._drawn[0] is not environment:
-            cells = environment.raster(self._raster)[np.newaxis] * np.uint8(255)
-            self._drawn = (environment, cells)
+            # Four points a cell: a wall half as thin as a cell leaves its trace.
+            n = self._raster
+            points = environment.raster(2 * n).reshape(n, 2, n, 2)
+            covered = points.sum(axis=(1, 3), dtype=np.uint16) * 255 // 4
+            self._drawn = (environment, covered.astype(np.uint8)[np.newaxis])
         return self._drawn[1]
