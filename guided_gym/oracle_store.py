@@ -1,0 +1,143 @@
+"""Solved oracle fields on disk: safe to delete at any time and to share between processes."""
+
+from __future__ import annotations
+
+import contextlib
+import os
+import struct
+import tempfile
+import threading
+import warnings
+import zlib
+from pathlib import Path
+
+import numpy as np
+import numpy.typing as npt
+import platformdirs
+
+FieldArray = npt.NDArray[np.float32]
+LinkArray = npt.NDArray[np.uint8]
+
+ENVIRONMENT_VARIABLE = "GUIDED_GYM_CACHE"
+"""Names the cache folder; "off" works without one."""
+MAX_BYTES = 512 * 2**20
+"""Size above which the files used longest ago are removed."""
+
+_HEADER = struct.Struct("<16s64sQI36x")  # magic, key, vertices, checksum; 128 bytes keep the arrays aligned
+_MAGIC = b"guided-gym field"
+_SUFFIX = ".field"
+
+
+class FieldStore:
+    """A folder of fields, one file each, named by a key that hashes everything that decides the content.
+
+    Files are written aside and renamed, so a reader or a rival writer sees a whole file or none. A file that
+    is truncated, altered or foreign counts as absent and is overwritten. If the folder cannot be used,
+    everything works without it, with one warning per process.
+
+    Attributes:
+        folder: Where the files lie, or None to keep nothing.
+    """
+
+    def __init__(self, folder: Path | None, max_bytes: int = MAX_BYTES) -> None:
+        self.folder = folder
+        self._max_bytes = max_bytes
+
+    @classmethod
+    def default(cls) -> FieldStore:
+        """The user's cache folder, or what the environment variable GUIDED_GYM_CACHE says."""
+        named = os.environ.get(ENVIRONMENT_VARIABLE, "")
+        if named.strip().lower() == "off":
+            return cls(None)
+        folder = Path(named).expanduser() if named else Path(platformdirs.user_cache_dir("guided-gym"))
+        return cls(folder / "oracle")
+
+    def load(self, key: str, size: int) -> tuple[FieldArray, LinkArray] | None:
+        """The field and links (size,) stored under a key (64 hex digits), or None."""
+        if self.folder is None:
+            return None
+        path = self._path(key)
+        content = np.empty(_HEADER.size + 5 * size, dtype=np.uint8)
+        try:
+            with path.open("rb", buffering=0) as file:
+                if (
+                    os.fstat(file.fileno()).st_size != content.size
+                    or file.readinto(content.data) != content.size
+                ):
+                    return None
+        except FileNotFoundError:
+            return None
+        except OSError as error:
+            _warn_once(self.folder, error)
+            return None
+        body = content[_HEADER.size :]
+        if _HEADER.unpack(content[: _HEADER.size].tobytes()) != (
+            _MAGIC,
+            key.encode(),
+            size,
+            zlib.crc32(body.data),
+        ):
+            return None
+        with contextlib.suppress(OSError):
+            os.utime(path)
+        return body[: 4 * size].view(np.float32), body[4 * size :]
+
+    def save(self, key: str, field: FieldArray, links: LinkArray) -> None:
+        """Store a field and its links under a key; failing to is no error."""
+        if self.folder is None:
+            return
+        body = field.astype("<f4").tobytes() + links.tobytes()
+        header = _HEADER.pack(_MAGIC, key.encode(), field.size, zlib.crc32(body))
+        temporary = None
+        try:
+            self.folder.mkdir(parents=True, exist_ok=True)
+            handle, temporary = tempfile.mkstemp(dir=self.folder, prefix=key[:16], suffix=".part")
+            with os.fdopen(handle, "wb") as file:
+                file.write(header)
+                file.write(body)
+            os.replace(temporary, self._path(key))
+        except OSError as error:
+            if temporary is not None:
+                with contextlib.suppress(OSError):
+                    os.unlink(temporary)
+            _warn_once(self.folder, error)
+            return
+        self._trim()
+
+    def _path(self, key: str) -> Path:
+        assert self.folder is not None
+        return self.folder / f"{key}{_SUFFIX}"
+
+    def _trim(self) -> None:
+        """Remove the files used longest ago, down to nine tenths of the limit; rivals may be faster."""
+        assert self.folder is not None
+        entries = []
+        with contextlib.suppress(OSError):
+            for entry in os.scandir(self.folder):
+                if entry.name.endswith((_SUFFIX, ".part")):
+                    with contextlib.suppress(OSError):
+                        status = entry.stat()
+                        entries.append((status.st_mtime, status.st_size, entry.path))
+        total = sum(size for _, size, _ in entries)
+        if total <= self._max_bytes:
+            return
+        for _, size, path in sorted(entries):
+            with contextlib.suppress(OSError):
+                os.unlink(path)
+            total -= size
+            if total <= 0.9 * self._max_bytes:
+                return
+
+
+_warned = threading.Event()
+
+
+def _warn_once(folder: Path, error: OSError) -> None:
+    if not _warned.is_set():
+        _warned.set()
+        warnings.warn(
+            f"the cache folder {folder} cannot be used ({error}); working without it. "
+            f"Set {ENVIRONMENT_VARIABLE} to another folder, or to 'off'.",
+            RuntimeWarning,
+            stacklevel=4,
+        )
