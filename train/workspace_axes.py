@@ -138,6 +138,7 @@ def draw_guiding_space(axes: Axes, guidance: GuidingSpace, search: Search, colou
     mappable = None
     if drawing is not None:
         mappable = _draw_graph(axes, drawing(), colour)
+        _outline_obstacles(axes, search.problem.environment)
     elif isinstance(guidance, Voronoi):
         mappable = _draw_cells(axes, guidance, search, colour)
     elif not isinstance(guidance, Uninformed):
@@ -148,13 +149,21 @@ def draw_guiding_space(axes: Axes, guidance: GuidingSpace, search: Search, colou
     return mappable
 
 
+def _outline_obstacles(axes: Axes, environment: Environment) -> None:
+    """The obstacles' edges, on top of a roadmap that may cover them."""
+    shapes = [_patch(part) for part in shapely.get_parts(environment.obstacle_union)]
+    outline = PatchCollection(shapes, facecolor="none", edgecolor=OBSTACLE, linewidth=0.6, zorder=_NODES)
+    axes.add_collection(outline)
+
+
 def _draw_graph(axes: Axes, drawing: dict[str, NDArray[Any]], colour: str) -> Any:
     """Edges alive, coloured by their weight if weights differ, else by h; removed ones in red."""
     ends = drawing["points"][drawing["edges"]]
     alive, weights = drawing["alive"], drawing["weights"]
     width = 1.6 if len(ends) < 500 else 0.5 if len(ends) < 5000 else 0.3
     lines = LineCollection(list(ends[alive]), linewidths=width, zorder=_EDGES)
-    removed = LineCollection(list(ends[~alive]), colors=PATH, linewidths=0.35, zorder=_NODES)
+    faint = 0.8 if (~alive).sum() < 500 else 0.3
+    removed = LineCollection(list(ends[~alive]), colors=PATH, linewidths=0.35, alpha=faint, zorder=_NODES)
     axes.add_collection(lines)
     axes.add_collection(removed)
     if (weights[alive] != 1.0).any():

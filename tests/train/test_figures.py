@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 import shapely
 from matplotlib.collections import LineCollection
-from matplotlib.colors import to_rgba
+from matplotlib.colors import to_rgb
 from matplotlib.figure import Figure
 
 from guided_gym.environment import Environment
@@ -176,7 +176,7 @@ def test_guiding_space__stored_paths_that_were_filtered_out_are_red():
     assert before[1] == 0
     assert len(after[1].get_segments()) > 0
     assert len(after[0].get_segments()) + len(after[1].get_segments()) == sum(before)
-    assert np.allclose(after[1].get_colors()[0], to_rgba("#d52c14"))
+    assert np.allclose(after[1].get_colors()[0][:3], to_rgb("#d52c14"))
 
 
 def test_regions__one_bar_per_guidance_and_region():
