@@ -4,25 +4,45 @@ from __future__ import annotations
 
 import contextlib
 import sys
+from collections import Counter
 from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
+from typer.core import TyperGroup
 
 from guided_gym.errors import GuidedGymError
 
 if TYPE_CHECKING:
     from rich.console import Console
+    from rich.progress import Progress
 
     from guided_gym.train.results import Results
     from guided_gym.train.specs import EvaluationSettings
 
 EXIT_ERROR = 2
 EXIT_INTERRUPTED = 130
+WIDE = 140  # columns of a table in a file
+
+
+class _Group(TyperGroup):
+    """Errors of ours become one line and exit code 2, Ctrl-C exit code 130; neither shows a traceback."""
+
+    def invoke(self, ctx: Any) -> Any:
+        try:
+            return super().invoke(ctx)
+        except GuidedGymError as error:
+            print(f"guided-gym: error: {error}", file=sys.stderr)
+            ctx.exit(EXIT_ERROR)
+        except KeyboardInterrupt:
+            print("guided-gym: interrupted", file=sys.stderr)
+            ctx.exit(EXIT_INTERRUPTED)
+
 
 app = typer.Typer(
     name="guided-gym",
+    cls=_Group,
     help="Guided motion planning: evaluate guiding spaces, reproduce the paper, build path databases.",
     no_args_is_help=True,
     pretty_exceptions_enable=False,
@@ -41,15 +61,8 @@ Imports = Annotated[
 
 
 def main() -> None:
-    """Entry point: errors of ours become one line and exit code 2, Ctrl-C exit code 130."""
-    try:
-        app(standalone_mode=True)
-    except GuidedGymError as error:
-        print(f"guided-gym: error: {error}", file=sys.stderr)
-        sys.exit(EXIT_ERROR)
-    except KeyboardInterrupt:
-        print("guided-gym: interrupted", file=sys.stderr)
-        sys.exit(EXIT_INTERRUPTED)
+    """Entry point of the console script."""
+    app()
 
 
 def _print_version(wanted: bool) -> None:
@@ -195,7 +208,7 @@ def _console(stderr: bool = False) -> Console:
 
     console = Console(stderr=stderr, highlight=False)
     if not console.is_terminal:
-        console = Console(stderr=stderr, highlight=False, width=120)  # nobody's window is too narrow
+        console = Console(stderr=stderr, highlight=False, width=WIDE)  # no window that could be too narrow
     return console
 
 
@@ -216,20 +229,29 @@ def _progress(title: str, place: Path) -> Iterator[Callable[..., None]]:
     from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
 
     columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeRemainingColumn())
+    bars = Progress(*columns, console=_console(stderr=True))
     state = {"done": 0, "total": 0}
+    task = bars.add_task(title, total=None)
+
+    def update(done: int, total: int, what: str = title) -> None:
+        state.update(done=done, total=total)
+        bars.update(task, completed=done, total=total, description=what)
+        bars.start()  # not before: what can't work says so without a bar
+
     try:
-        with Progress(*columns, console=_console(stderr=True)) as bars:
-            task = bars.add_task(title, total=None)
-
-            def update(done: int, total: int, what: str = title) -> None:
-                state.update(done=done, total=total)
-                bars.update(task, completed=done, total=total, description=what)
-
-            yield update
+        yield update
     except KeyboardInterrupt:
+        _stop(bars)
         done = f"{state['done']} of {state['total']} are kept in {place}"
         print(f"guided-gym: interrupted; {done}. The same command goes on from there.", file=sys.stderr)
         sys.exit(EXIT_INTERRUPTED)
+    finally:
+        _stop(bars)
+
+
+def _stop(bars: Progress) -> None:
+    if bars.live.is_started:
+        bars.stop()
 
 
 def _report(
@@ -261,7 +283,10 @@ def _report(
 
 
 def _name_files(console: Console, folder: Path, written: list[Path]) -> None:
-    names = [str(path.relative_to(folder)) for path in written]
+    """Say what lies where; of a folder below, only how many files."""
+    names = [path.name for path in written if path.parent == folder]
+    below = Counter(path.parent for path in written if path.parent != folder)
+    names += [f"{place.relative_to(folder)}/ ({count} files)" for place, count in below.items()]
     console.print(f"\nIn {folder}: {', '.join(names)}")
 
 

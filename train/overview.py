@@ -90,9 +90,9 @@ def _has_display() -> bool:
 
 def _folders() -> Rows:
     import guided_gym
-    from guided_gym.oracle import cache_folder
+    from guided_gym.oracle_store import FieldStore
 
-    folder = cache_folder()
+    folder = FieldStore.default().folder
     if folder is None:
         cache = "switched off by GUIDED_GYM_CACHE=off"
     else:

@@ -103,6 +103,7 @@ def summarise(results: Results) -> list[Row]:
 
 def rich_tables(rows: list[Row]) -> list[Table]:
     """One table per environment, for `rich.print`; the interval is under each figure."""
+    from rich import box
     from rich.table import Table
 
     tables = []
@@ -112,7 +113,7 @@ def rich_tables(rows: list[Row]) -> list[Table]:
         table = Table(
             title=f"{environment}, {seeds} {'seed' if seeds == 1 else 'seeds'}", title_justify="left",
             caption="Mean (or median) over seeds, 95 % bootstrap interval below. SE: lower is better.",
-            caption_justify="left", pad_edge=False,
+            caption_justify="left", box=box.SIMPLE_HEAD, pad_edge=False,
         )  # fmt: skip
         table.add_column("guidance", overflow="fold")
         for measure in MEASURES:
@@ -127,7 +128,7 @@ def _cell(interval: Interval, measure: Measure) -> str:
     estimate, low, high = (
         significant(value * measure.scale) for value in (interval.estimate, interval.low, interval.high)
     )
-    return f"{estimate}\n[dim]{low}–{high}[/dim]"
+    return f"{estimate}\n[dim]{low} – {high}[/dim]"  # blanks: a narrow window may break the line there
 
 
 def save(rows: list[Row], folder: Path, name: str = "table") -> list[Path]:

@@ -1,0 +1,260 @@
+"""Evaluation: figures that add up, nothing computed twice, nothing lost to a kill."""
+
+from __future__ import annotations
+
+import os
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import numpy as np
+import pytest
+import shapely
+
+from guided_gym.efficiency import TargetParameters
+from guided_gym.envs.catalogue import make_distribution
+from guided_gym.errors import InvalidInputError, NoPathError, StorageError, UnknownNameError
+from guided_gym.search import guided_search
+from guided_gym.train import evaluation
+from guided_gym.train.evaluation import ELSEWHERE, evaluate, region_sums, run_once
+from guided_gym.train.results import RESULTS_FILE, Results, ResultsFile, Run
+from guided_gym.train.specs import EvaluationSettings, GuidanceSpec, problem_of
+
+SHORT = EvaluationSettings(max_samples=60)
+
+
+def figures(run: Run) -> tuple[object, ...]:
+    """A run without its clock."""
+    return (run.environment, run.guidance, run.seed, run.samples, run.total_efficiency, run.collision_checks)
+
+
+def test_runs__are_those_of_guided_search() -> None:
+    results = evaluate("Cup", ["rrt", "goal_distance"], seeds=[3, 1], settings=SHORT)
+    assert results.pairs() == [("Cup", "rrt"), ("Cup", "goal_distance")]
+    assert [run.seed for run in results.group("Cup", "rrt")] == [1, 3]
+    problem = make_distribution("Cup").problem(0)
+    for run in results.runs:
+        search = guided_search(problem, run.guidance, seed=run.seed, max_samples=60)
+        assert run.samples == search.samples
+        assert run.solved == search.solved
+        assert run.nodes == len(search.tree)
+        assert run.total_efficiency == search.total_efficiency
+        assert run.best_possible == pytest.approx(search.record.best.sum())
+        assert run.best_possible <= run.total_efficiency
+        np.testing.assert_allclose(run.curve, search.record.efficiency, rtol=1e-6)
+        assert sum(total for total, _ in run.regions.values()) == pytest.approx(run.total_efficiency)
+        assert sum(count for _, count in run.regions.values()) == run.samples
+        assert run.optimum <= run.path_cost * 1.02 if run.solved else np.isnan(run.path_cost)
+
+
+def test_seed_k__poses_the_problem_of_seed_k() -> None:
+    distribution = make_distribution("RandomSimplePassage")
+    first, second = (problem_of(distribution, seed) for seed in (4, 5))
+    assert first.fingerprint != second.fingerprint
+    assert problem_of(distribution, 4).fingerprint == first.fingerprint
+    run = evaluate("RandomSimplePassage", "goal_distance", seeds=[4], settings=SHORT).runs[0]
+    search = guided_search(first, "goal_distance", seed=4, max_samples=60)
+    assert run.total_efficiency == search.total_efficiency
+
+
+def test_second_call__computes_only_what_is_missing(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    first = evaluate("Cup", "rrt", seeds=3, out=tmp_path, settings=SHORT)
+    computed: list[int] = []
+
+    def counted(plan: evaluation.Plan, seed: int) -> object:
+        if plan.settings.max_samples == SHORT.max_samples:
+            computed.append(seed)
+        return run_once(plan, seed)
+
+    monkeypatch.setattr(evaluation, "run_once", counted)
+    again = evaluate("Cup", "rrt", seeds=3, out=tmp_path, settings=SHORT)
+    assert computed == []
+    assert [run.seconds for run in again.runs] == [run.seconds for run in first.runs]
+    steps: list[tuple[int, int]] = []
+    more = evaluate(
+        "Cup", "rrt", seeds=5, out=tmp_path, settings=SHORT, progress=lambda *now: steps.append(now)
+    )
+    assert computed == [3, 4]
+    assert [run.seed for run in more.runs] == [0, 1, 2, 3, 4]
+    assert steps == [(3, 5), (5, 5)]
+
+
+@pytest.mark.parametrize(
+    "other",
+    [
+        EvaluationSettings(max_samples=61),
+        EvaluationSettings(max_samples=60, step=0.5),
+        EvaluationSettings(max_samples=60, expansion="uniform"),
+        EvaluationSettings(max_samples=60, target=TargetParameters(delta=0.2)),
+    ],
+)
+def test_settings__that_differ_have_rows_of_their_own(tmp_path: Path, other: EvaluationSettings) -> None:
+    evaluate("Cup", "rrt", seeds=1, out=tmp_path, settings=SHORT)
+    evaluate("Cup", "rrt", seeds=1, out=tmp_path, settings=other)
+    with ResultsFile.in_folder(tmp_path) as file:
+        assert file._connection.execute("SELECT count(*) FROM runs").fetchone() == (2,)
+        assert file._connection.execute("SELECT count(*) FROM settings").fetchone() == (2,)
+
+
+def test_workers__change_nothing_but_the_clock() -> None:
+    alone, together = (
+        evaluate(["Cup", "RandomSimplePassage"], ["rrt", "goal_distance"], seeds=3, workers=n, settings=SHORT)
+        for n in (1, 2)
+    )
+    assert list(map(figures, alone.runs)) == list(map(figures, together.runs))
+
+
+def test_options__are_part_of_a_guidance() -> None:
+    spec = GuidanceSpec.parse("rrt@goal_bias=0.5@cell_samples=16")
+    assert spec == GuidanceSpec.of("rrt", cell_samples=16, goal_bias=0.5)
+    assert spec.label == "rrt@cell_samples=16@goal_bias=0.5"
+    results = evaluate("Cup", ["rrt", spec], seeds=2, settings=SHORT)
+    assert results.guidances("Cup") == ["rrt", spec.label]
+    assert (
+        results.values("Cup", "rrt", "nodes").tolist() != results.values("Cup", spec.label, "nodes").tolist()
+    )
+
+
+def test_regions__the_first_that_holds_a_node_counts() -> None:
+    problem = make_distribution("Cup").problem(0)
+    result = guided_search(problem, "rrt", seed=0, max_samples=60)
+    everywhere, left = shapely.box(0, 0, 10, 10), shapely.box(0, 0, 2, 10)
+    # A problem without regions has one, and what lies outside all regions has its own.
+    object.__setattr__(problem, "regions", {})
+    assert set(region_sums(problem, result)) == {ELSEWHERE}
+    object.__setattr__(problem, "regions", {"left": left, "all": everywhere})
+    sums = region_sums(problem, result)
+    at = result.tree.configurations[result.record.selected, 0]
+    assert sums["left"][1] == (at <= 2).sum()
+    assert sums["left"][1] + sums["all"][1] == result.samples
+    make_distribution.cache_clear()
+
+
+@pytest.mark.parametrize(
+    ("arguments", "error", "message"),
+    [
+        ({"environments": "TrapCop"}, UnknownNameError, "did you mean 'TrapCup'"),
+        ({"guidances": "lazyprm"}, UnknownNameError, "did you mean 'lazy_prm'"),
+        ({"guidances": "rrt@goal_bais=0.1"}, UnknownNameError, "did you mean 'goal_bias'"),
+        ({"guidances": "rrt@goal_bias"}, InvalidInputError, "name@option=value"),
+        (
+            {"guidances": ["rrt", GuidanceSpec.of("rrt", label="rrt", goal_bias=0.1)]},
+            InvalidInputError,
+            "labels",
+        ),
+        ({"guidances": "path_database"}, InvalidInputError, "database"),
+        ({"guidances": []}, InvalidInputError, "at least one"),
+        ({"seeds": 0}, InvalidInputError, "seeds"),
+        ({"seeds": [-1]}, InvalidInputError, "seeds"),
+        ({"workers": 0}, InvalidInputError, "workers"),
+        ({"database": "no/such.sqlite"}, StorageError, "no such file"),
+        ({"imports": ["no_such_module_at_all"]}, InvalidInputError, "cannot import"),
+        ({"settings": EvaluationSettings(expansion="uniformly")}, UnknownNameError, "uniformly"),
+    ],
+)
+def test_bad_input__is_refused_before_anything_is_written(
+    tmp_path: Path, arguments: dict[str, object], error: type[Exception], message: str
+) -> None:
+    call = {"environments": "Cup", "guidances": "rrt", "seeds": 1, "settings": SHORT} | arguments
+    with pytest.raises(error, match=message):
+        evaluate(out=tmp_path / "out", **call)  # type: ignore[arg-type]
+    if message != "workers":
+        assert not (tmp_path / "out").exists()
+
+
+@pytest.mark.parametrize(
+    "setting", [{"max_samples": 0}, {"step": 0.0}, {"candidates": 0}, {"goal_tolerance": -1.0}]
+)
+def test_settings__out_of_range(setting: dict[str, float]) -> None:
+    with pytest.raises(InvalidInputError, match=next(iter(setting))):
+        EvaluationSettings(**setting)  # type: ignore[arg-type]
+
+
+def test_corrupt_file__is_refused_and_left_alone(tmp_path: Path) -> None:
+    (tmp_path / RESULTS_FILE).write_bytes(b"not a database" * 100)
+    with pytest.raises(StorageError, match="results file"):
+        evaluate("Cup", "rrt", seeds=1, out=tmp_path, settings=SHORT)
+    assert (tmp_path / RESULTS_FILE).read_bytes() == b"not a database" * 100
+
+
+@pytest.mark.parametrize(
+    "error", [UnknownNameError("guidance", "x", ["y"]), NoPathError("a"), StorageError("b")]
+)
+def test_errors__come_back_whole_from_a_worker(error: Exception) -> None:
+    import pickle
+
+    copy = pickle.loads(pickle.dumps(error))
+    assert type(copy) is type(error)
+    assert str(copy) == str(error)
+
+
+LONG = """
+import signal, sys
+signal.signal(signal.SIGINT, signal.default_int_handler)  # whoever runs the tests may ignore it
+from guided_gym.train.cli import main
+if __name__ == "__main__":
+    main()
+"""
+
+
+def start(folder: Path, seeds: int) -> subprocess.Popen[str]:
+    arguments = ["evaluate", "--env", "Cup", "--guidance", "rrt", "--seeds", str(seeds), "--workers", "2"]
+    return subprocess.Popen(
+        [sys.executable, "-c", LONG, *arguments, "--out", str(folder), "--no-figures"],
+        stdout=subprocess.DEVNULL,
+        stderr=subprocess.PIPE,
+        text=True,
+    )
+
+
+def wait_for_runs(folder: Path, process: subprocess.Popen[str]) -> None:
+    deadline = time.monotonic() + 120
+    while time.monotonic() < deadline and process.poll() is None:
+        if (folder / RESULTS_FILE).exists() and stored(folder):
+            return
+        time.sleep(0.02)
+    raise AssertionError("no run was stored while the evaluation ran")
+
+
+def stored(folder: Path) -> dict[int, float]:
+    import sqlite3
+
+    connection = sqlite3.connect(folder / RESULTS_FILE, timeout=30)
+    try:
+        return dict(connection.execute("SELECT seed, seconds FROM runs"))
+    except sqlite3.OperationalError:  # not made yet
+        return {}
+    finally:
+        connection.close()
+
+
+def resumed(folder: Path, seeds: int, before: dict[int, float]) -> Results:
+    results = evaluate("Cup", "rrt", seeds=seeds, out=folder)
+    assert [run.seed for run in results.runs] == list(range(seeds))
+    assert {run.seed: run.seconds for run in results.runs if run.seed in before} == before
+    return results
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="POSIX signals")
+def test_kill__loses_nothing_that_was_stored(tmp_path: Path) -> None:
+    process = start(tmp_path, 120)
+    wait_for_runs(tmp_path, process)
+    os.kill(process.pid, signal.SIGKILL)
+    process.communicate(timeout=60)
+    before = stored(tmp_path)
+    assert 0 < len(before) < 120
+    resumed(tmp_path, 120, before)
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="POSIX signals")
+def test_interrupt__keeps_what_is_done_and_says_how_to_go_on(tmp_path: Path) -> None:
+    process = start(tmp_path, 120)
+    wait_for_runs(tmp_path, process)
+    process.send_signal(signal.SIGINT)
+    _, errors = process.communicate(timeout=60)
+    assert process.returncode == 130
+    assert "The same command goes on from there" in errors
+    assert "Traceback" not in errors
+    assert 0 < len(stored(tmp_path)) < 120
