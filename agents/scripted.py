@@ -16,7 +16,7 @@ from guided_gym.guidance import guidance_names, make_guidance
 from guided_gym.guidance.base import GuidingSpace
 from guided_gym.search import Search
 
-Observation = Mapping[str, NDArray]
+Observation = Mapping[str, NDArray[Any]]
 Action = int | NDArray[np.float32]
 
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import copy
 import operator
-from typing import TYPE_CHECKING, Any, ClassVar, Final, SupportsFloat
+from typing import TYPE_CHECKING, Any, Final, SupportsFloat, cast
 
 import gymnasium
 import numpy as np
@@ -126,7 +126,7 @@ class GuidedSearchEnv(gymnasium.Env[Observation, Action]):
         InvalidInputError: A value that cannot be used.
     """
 
-    metadata: ClassVar[dict[str, Any]] = {"render_modes": ["human", "rgb_array"], "render_fps": 30}
+    metadata: dict[str, Any] = {"render_modes": ["human", "rgb_array"], "render_fps": 30}  # noqa: RUF012
 
     def __init__(
         self,
@@ -165,12 +165,9 @@ class GuidedSearchEnv(gymnasium.Env[Observation, Action]):
         self._reward = make_reward(reward)
         self._raises = on_invalid == "raise"
         self._observer: Observer = TreeObservation(raster) if observe is None else copy.deepcopy(observe)
-        self.observation_space = self._observer.build(self.max_nodes, self.max_samples)
-        self.action_space = (
-            spaces.Discrete(self.max_nodes)
-            if action == "node"
-            else spaces.Box(0.0, 1.0, (self.max_nodes,), np.float32)
-        )
+        observed = self._observer.build(self.max_nodes, self.max_samples)
+        self.observation_space = cast("spaces.Space[Observation]", observed)
+        self.action_space = cast("spaces.Space[Action]", _action_space(action, self.max_nodes))
         self._search: Search | None = None
         self._renderer: Renderer | None = None
 
@@ -320,7 +317,8 @@ class GuidedSearchEnv(gymnasium.Env[Observation, Action]):
         if self.action == "node":
             node = _as_index(action)
             if not 0 <= node < len(search.tree):
-                return self._refuse(f"a node from 0 to {len(search.tree) - 1}", node)
+                self._refuse(f"a node from 0 to {len(search.tree) - 1}", node)
+                return None
             efficiency, best = search.tracker.choice(node)
             return Choice(search, node, None, efficiency, best)
         weights = np.asarray(action, np.float64)
@@ -328,7 +326,8 @@ class GuidedSearchEnv(gymnasium.Env[Observation, Action]):
             raise InvalidInputError(f"action: expected {self.max_nodes} weights, got shape {weights.shape}")
         weights = weights[: len(search.tree)]
         if not (np.isfinite(weights).all() and (weights >= 0).all()):
-            return self._refuse("finite weights >= 0", action)
+            self._refuse("finite weights >= 0", action)
+            return None
         p = weights / weights.sum() if weights.any() else np.full(weights.size, 1 / weights.size)
         q = search.tracker.distribution()
         return Choice(search, draw(p, self.np_random), p, sampling_efficiency(p, q), -float(np.log(q.max())))
@@ -398,6 +397,12 @@ def _checked_target(target: TargetParameters) -> TargetParameters:
     if target.epsilon == 0:
         raise InvalidInputError("target: expected epsilon > 0 (log epsilon is a reward), got 0")
     return target
+
+
+def _action_space(action: str, max_nodes: int) -> spaces.Space[Any]:
+    if action == "node":
+        return spaces.Discrete(max_nodes)
+    return spaces.Box(0.0, 1.0, (max_nodes,), np.float32)
 
 
 def _as_distribution(distribution: str | ProblemDistribution | Problem) -> ProblemDistribution:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 from enum import IntEnum
-from typing import Final, Protocol
+from typing import Any, Final, Protocol
 
 import numpy as np
 from gymnasium import spaces
@@ -16,7 +16,7 @@ from guided_gym.errors import InvalidInputError
 from guided_gym.search import Expansion, Search
 from guided_gym.tree import NO_PARENT
 
-Observation = dict[str, NDArray]
+Observation = dict[str, NDArray[Any]]
 
 
 class NodeColumn(IntEnum):
@@ -72,7 +72,7 @@ def valid_nodes(search: Search, max_nodes: int) -> NDArray[np.bool_]:
     return mask
 
 
-def node_table(observation: Mapping[str, NDArray], columns: int = COLUMNS) -> NDArray[np.float32]:
+def node_table(observation: Mapping[str, NDArray[Any]], columns: int = COLUMNS) -> NDArray[np.float32]:
     """The node features of an observation (or of a batch) as a table: (..., N * F) to (..., N, F)."""
     nodes = observation["nodes"]
     return nodes.reshape(*nodes.shape[:-1], -1, columns)

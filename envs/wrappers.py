@@ -13,7 +13,7 @@ from guided_gym.envs.observations import COLUMNS, MAX_COST, NodeColumn, node_tab
 from guided_gym.errors import InvalidInputError
 
 
-class GraphObservation(gymnasium.ObservationWrapper[spaces.GraphInstance, Any, dict[str, NDArray]]):
+class GraphObservation(gymnasium.ObservationWrapper[spaces.GraphInstance, Any, dict[str, NDArray[Any]]]):
     """The tree as a ``gymnasium.spaces.Graph``, without padding.
 
     Nodes (n, F) float32 have the columns of `guided_gym.envs.observations.NodeColumn`; node i is action i,
@@ -30,7 +30,7 @@ class GraphObservation(gymnasium.ObservationWrapper[spaces.GraphInstance, Any, d
         InvalidInputError: Another observation.
     """
 
-    def __init__(self, env: gymnasium.Env[dict[str, NDArray], Any]) -> None:
+    def __init__(self, env: gymnasium.Env[dict[str, NDArray[Any]], Any]) -> None:
         super().__init__(env)
         space = env.observation_space
         if not (isinstance(space, spaces.Dict) and {"nodes", "parents", "action_mask"} <= set(space.spaces)):
@@ -43,7 +43,7 @@ class GraphObservation(gymnasium.ObservationWrapper[spaces.GraphInstance, Any, d
             edge_space=spaces.Box(0.0, MAX_COST, (1,), np.float32),
         )
 
-    def observation(self, observation: dict[str, NDArray]) -> spaces.GraphInstance:
+    def observation(self, observation: dict[str, NDArray[Any]]) -> spaces.GraphInstance:
         """The graph of one observation."""
         n = int(observation["action_mask"].sum())
         nodes = node_table(observation)[:n]

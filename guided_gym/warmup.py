@@ -66,4 +66,4 @@ def announce_compilation() -> None:
     global _notice
     if _notice is None:
         _notice = CompilationNotice()
-        event.register("numba:compile", _notice)
+        event.register("numba:compile", _notice)  # type: ignore[no-untyped-call]
