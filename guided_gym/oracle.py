@@ -101,7 +101,9 @@ class Oracle:
         Raises:
             InvalidInputError: q has another shape.
         """
-        qs = np.require(q, dtype=np.float64, requirements=["C", "W"])
+        qs = q
+        if not (type(qs) is np.ndarray and qs.dtype == np.float64 and qs.flags.carray):
+            qs = np.require(q, dtype=np.float64, requirements=["C", "W"])
         if qs.ndim not in (1, 2) or qs.shape[-1] != self.space.dimension:
             raise InvalidInputError(
                 f"expected configurations of shape ({self.space.dimension},) or (n, {self.space.dimension}), "

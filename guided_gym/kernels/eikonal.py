@@ -9,7 +9,7 @@ Layout. Fields are flat, index = (column * columns_y + row) * n_angles + angle, 
 are joined by a free motion (`LINK_X`: to the next column, `LINK_Y`: to the next row, `LINK_THETA`: to the
 next angle); the wave only crosses links. A grid of one angle is a grid in the plane.
 """
-# mypy: disable-error-code="misc,arg-type,no-any-return"
+# mypy: disable-error-code="misc,arg-type,assignment,no-any-return"
 
 from __future__ import annotations
 

@@ -1,0 +1,134 @@
+from __future__ import annotations
+
+import multiprocessing
+import os
+import shutil
+import warnings
+
+import numpy as np
+import pytest
+
+from guided_gym import oracle_store
+from guided_gym.oracle_store import FieldStore
+
+KEY, OTHER = "a" * 64, "b" * 64
+FIELD = np.linspace(0, 1, 1000, dtype=np.float32)
+LINKS = np.arange(1000, dtype=np.uint8)
+
+
+@pytest.fixture
+def store(tmp_path):
+    return FieldStore(tmp_path / "fields")
+
+
+@pytest.fixture(autouse=True)
+def may_warn_again():
+    oracle_store._warned.clear()
+
+
+def assert_stored(store, key=KEY):
+    field, links = store.load(key, 1000)
+    np.testing.assert_array_equal(field, FIELD)
+    np.testing.assert_array_equal(links, LINKS)
+    assert field.flags.carray
+    assert links.flags.carray
+
+
+def test_what_was_saved_is_loaded(store):
+    assert store.load(KEY, 1000) is None
+    store.save(KEY, FIELD, LINKS)
+    assert_stored(store)
+
+
+def damage(path, how):
+    content = bytearray(path.read_bytes())
+    if how == "truncated":
+        content = content[:-7]
+    elif how == "longer":
+        content += b"x"
+    elif how == "empty":
+        content = bytearray()
+    elif how == "flipped bit":
+        content[700] ^= 1
+    elif how == "foreign":
+        content[:] = os.urandom(len(content))
+    path.write_bytes(content)
+
+
+@pytest.mark.parametrize("how", ["truncated", "longer", "empty", "flipped bit", "foreign"])
+def test_a_damaged_file_counts_as_absent_and_is_overwritten(store, how):
+    store.save(KEY, FIELD, LINKS)
+    damage(store._path(KEY), how)
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        assert store.load(KEY, 1000) is None
+        store.save(KEY, FIELD, LINKS)
+    assert_stored(store)
+
+
+def test_a_file_under_the_wrong_key_or_of_another_size_counts_as_absent(store):
+    store.save(KEY, FIELD, LINKS)
+    shutil.copy(store._path(KEY), store._path(OTHER))
+    assert store.load(OTHER, 1000) is None
+    assert store.load(KEY, 999) is None
+
+
+def test_the_folder_may_be_deleted_at_any_time(store):
+    store.save(KEY, FIELD, LINKS)
+    shutil.rmtree(store.folder)
+    assert store.load(KEY, 1000) is None
+    store.save(KEY, FIELD, LINKS)
+    assert_stored(store)
+
+
+def test_an_unusable_folder_costs_one_warning(tmp_path):
+    (tmp_path / "file").write_text("not a folder")
+    store = FieldStore(tmp_path / "file" / "fields")
+    with pytest.warns(RuntimeWarning, match="GUIDED_GYM_CACHE") as caught:
+        for _ in range(3):
+            store.save(KEY, FIELD, LINKS)
+            assert store.load(KEY, 1000) is None
+    assert len(caught) == 1
+
+
+def test_off_keeps_nothing(monkeypatch):
+    monkeypatch.setenv("GUIDED_GYM_CACHE", "OFF")
+    store = FieldStore.default()
+    assert store.folder is None
+    store.save(KEY, FIELD, LINKS)
+    assert store.load(KEY, 1000) is None
+
+
+def test_the_variable_names_the_folder(monkeypatch, tmp_path):
+    monkeypatch.setenv("GUIDED_GYM_CACHE", str(tmp_path / "mine"))
+    FieldStore.default().save(KEY, FIELD, LINKS)
+    assert list((tmp_path / "mine").rglob(f"{KEY}*"))
+
+
+def test_the_files_used_longest_ago_go_first(tmp_path):
+    store = FieldStore(tmp_path, max_bytes=6 * 5200)
+    keys = [c * 64 for c in "abcdef"]
+    for age, key in enumerate(keys):
+        store.save(key, FIELD, LINKS)
+        os.utime(store._path(key), (1e9 + age, 1e9 + age))
+    assert store.load(keys[0], 1000) is not None  # used now, so the second is the oldest
+    store.save("9" * 64, FIELD, LINKS)
+    kept = {path.stem for path in tmp_path.iterdir()}
+    assert keys[1] not in kept
+    assert {keys[0], keys[5], "9" * 64} <= kept
+
+
+def write_and_read(folder, seed):
+    store = FieldStore(folder)
+    wrong = 0
+    for _ in range(150):
+        store.save(KEY, FIELD, LINKS)
+        loaded = store.load(KEY, 1000)
+        wrong += loaded is None or not np.array_equal(loaded[0], FIELD)
+    return wrong
+
+
+def test_two_processes_writing_one_key_never_see_half_a_file(tmp_path):
+    with multiprocessing.get_context("spawn").Pool(2) as pool:
+        assert pool.starmap(write_and_read, [(tmp_path, 0), (tmp_path, 1)]) == [0, 0]
+    assert [path.name for path in tmp_path.iterdir()] == [f"{KEY}.field"]
