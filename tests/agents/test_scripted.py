@@ -10,9 +10,10 @@ from guided_gym import GuidedGymError, InvalidInputError, UnknownNameError, guid
 from guided_gym.agents import GuidanceAgent, agent_names, make_agent, rollout
 from guided_gym.draws import draw_problem
 from guided_gym.guidance import guidance_names
+from guided_gym.path_library import PathLibrary
 from guided_gym.search import streams
 
-NAMES = [name for name in guidance_names() if name != "path_database"]  # that one needs a database
+NAMES = [name for name in guidance_names() if name != "path_database"]  # that one has a test of its own
 SAMPLES = 60
 
 
@@ -30,6 +31,22 @@ def assert_same(env, episode, result):
     assert np.array_equal(episode.best, result.record.best)
     assert episode.collision_checks == result.collision_checks
     assert (episode.solved, episode.samples) == (result.solved, result.samples)
+
+
+def test_experience_grows_the_same_tree_too():
+    env = environment("SimplePassage")
+    env.reset(seed=0)
+    problem = env.unwrapped.problem
+    paths = [guided_search(problem, "oracle", seed=seed, max_samples=400).path for seed in range(3)]
+    library = PathLibrary.from_paths(paths, problem.space.weights, problem.space.periods)
+    guidance = make_guidance("path_database", database=library)
+    for expansion in ("uniform", guidance):
+        env = environment("SimplePassage", expansion=expansion)
+        episode = rollout(env, make_agent(guidance), seed=5)
+        in_search = None if expansion is guidance else expansion
+        fresh = make_guidance("path_database", database=library)
+        result = guided_search(problem, fresh, seed=5, max_samples=SAMPLES, expansion=in_search)
+        assert_same(env, episode, result)
 
 
 @pytest.mark.parametrize("expansion", ["uniform", "same", "rrt"])

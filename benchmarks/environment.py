@@ -1,0 +1,137 @@
+"""Speed of the environment: steps, resets, the first use on a machine, and CartPole beside them for scale.
+
+    python benchmarks/environment.py --json environment.json
+
+A step is measured on the unwrapped environment with the default observation of 256 nodes, whole episodes of
+valid random nodes, so that the tree is of every size. All are wall times: too high on a busy machine.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import os
+import subprocess
+import sys
+import tempfile
+import time
+from collections.abc import Callable
+from pathlib import Path
+
+import gymnasium
+import numpy as np
+from rich.console import Console
+from rich.table import Table
+
+import guided_gym  # noqa: F401  registers the ids
+
+FIRST_USE = (
+    "import time; began = time.perf_counter(); import guided_gym; print(time.perf_counter() - began);"
+    "import gymnasium; env = gymnasium.make('guided_gym/TrapCup-v0'); env.reset(seed=0);"
+    "print(time.perf_counter() - began)"
+)
+# What the issue allows, in the unit of each row.
+LIMITS = {
+    "step, uniform expansion": 60.0,
+    "reset, cached problem": 2.0,
+    "reset, fresh RandomSimplePassage": 150.0,
+    "import guided_gym": 1.0,
+    "first make + reset, cold numba cache": 20.0,
+}
+
+
+def step_times(env: gymnasium.Env, steps: int, choose: Callable[[gymnasium.Env, np.random.Generator], int]):
+    """Seconds of each step, over episodes one after the other."""
+    rng, times, seed, done = np.random.default_rng(0), [], 0, True
+    while len(times) < steps:
+        if done:
+            env.reset(seed=seed)
+            seed += 1
+        action = choose(env, rng)
+        began = time.perf_counter()
+        _, _, terminated, truncated, _ = env.step(action)
+        times.append(time.perf_counter() - began)
+        done = terminated or truncated
+    return np.array(times)
+
+
+def a_valid_node(env: gymnasium.Env, rng: np.random.Generator) -> int:
+    return int(rng.integers(len(env.search.tree)))
+
+
+def reset_times(env: gymnasium.Env, count: int):
+    times = []
+    for seed in range(count):
+        began = time.perf_counter()
+        env.reset(seed=seed)
+        times.append(time.perf_counter() - began)
+    return np.array(times)
+
+
+def first_use() -> tuple[float, float]:
+    """Seconds to import the package, and to the end of the first reset, where nothing was compiled before."""
+    with tempfile.TemporaryDirectory() as folder:
+        environment = os.environ | {"NUMBA_CACHE_DIR": folder, "GUIDED_GYM_CACHE": "off"}
+        output = subprocess.run(
+            [sys.executable, "-c", FIRST_USE], env=environment, capture_output=True, text=True, check=True
+        )
+    importing, ready = map(float, output.stdout.split())
+    return importing, ready
+
+
+def row(times: np.ndarray, scale: float, unit: str) -> dict[str, float | str]:
+    return {
+        "mean": float(times.mean() * scale),
+        "median": float(np.median(times) * scale),
+        "p99": float(np.quantile(times, 0.99) * scale),
+        "unit": unit,
+    }
+
+
+def measure(steps: int) -> dict[str, dict[str, float | str]]:
+    os.environ["GUIDED_GYM_CACHE"] = "off"  # a fresh problem is to be solved afresh
+    rows = {}
+    for label, options in (
+        ("step, uniform expansion", {}),
+        ("step, rrt expansion", {"expansion": "rrt"}),
+        ("step, Jensen-Shannon", {"reward": "jensen_shannon"}),
+        ("step, target in info", {"target_in_info": True}),
+    ):
+        env = gymnasium.make("guided_gym/TrapCup-v0", **options).unwrapped
+        step_times(env, 300, a_valid_node)  # compiles
+        rows[label] = row(step_times(env, steps, a_valid_node), 1e6, "us")
+    rows["step, CartPole-v1"] = row(
+        step_times(gymnasium.make("CartPole-v1").unwrapped, steps, lambda env, rng: int(rng.integers(2))),
+        1e6,
+        "us",
+    )
+    rows["reset, cached problem"] = row(reset_times(env, 200), 1e3, "ms")
+    fresh = gymnasium.make("guided_gym/RandomSimplePassage-v0").unwrapped
+    rows["reset, fresh RandomSimplePassage"] = row(reset_times(fresh, 30), 1e3, "ms")
+    importing, ready = first_use()
+    rows["import guided_gym"] = row(np.array([importing]), 1, "s")
+    rows["first make + reset, cold numba cache"] = row(np.array([ready]), 1, "s")
+    for label, limit in LIMITS.items():
+        rows[label]["limit"] = limit
+    return rows
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
+    parser.add_argument("--steps", type=int, default=5000, help="steps of each kind")
+    parser.add_argument("--json", type=Path, help="write the figures to this file")
+    options = parser.parse_args()
+    rows = measure(options.steps)
+    table = Table("", "mean", "median", "99 %", "limit", "")
+    for label, r in rows.items():
+        numbers = [f"{r[key]:.3g}" if key in r else "" for key in ("mean", "median", "p99", "limit")]
+        table.add_row(label, *numbers, str(r["unit"]))
+    Console().print(table)
+    if options.json:
+        options.json.write_text(json.dumps(rows, indent=2) + "\n", encoding="utf-8")
+
+
+if __name__ == "__main__":
+    main()
