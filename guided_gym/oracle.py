@@ -199,7 +199,8 @@ def _solved(
     space: ConfigurationSpace, frame: FloatArray
 ) -> tuple[npt.NDArray[np.float32], npt.NDArray[np.uint8]]:
     links, kinds = grid.free_vertices(space.geometry, frame)
-    grid.round_boundary(frame, links, grid.certify_links(space.geometry, frame, links, kinds))
+    claims = grid.certify_links(space.geometry, frame, links, kinds)
+    grid.round_boundary(frame, links, claims, np.flatnonzero(claims))
     seeds, values = grid.seed_goal(space.geometry, frame, links)
     nt = int(frame[grid.COUNT_THETA])
     spacing = frame[grid.STEP_X : grid.STEP_X + 3] * [1.0, 1.0, frame[grid.WEIGHT]]

@@ -50,7 +50,7 @@ SEES_GOAL = 16
 LENT = 0.35
 """Part of a link that must be free for its far end to be lent (tuned for no bias, benchmarks/oracle.py)."""
 
-_BLOCKED, _MIXED, _TURNS, _OPEN, _OUTSIDE = 0, 1, 2, 3, 4
+_OUTSIDE, _BLOCKED, _MIXED, _TURNS, _OPEN = 0, 1, 2, 3, 4
 
 
 @njit(cache=True)
@@ -129,7 +129,7 @@ def free_vertices(geometry: Geometry, frame: FloatArray) -> tuple[LinkArray, Lin
     nx, ny, nt = int(frame[COUNT_X]), int(frame[COUNT_Y]), int(frame[COUNT_THETA])
     hx, hy = frame[STEP_X], frame[STEP_Y]
     links = np.zeros((nx + 2 * PAD) * (ny + 2 * PAD) * nt, dtype=np.uint8)
-    kinds = np.full((nx + 2 * PAD, ny + 2 * PAD), _OUTSIDE, dtype=np.uint8)
+    kinds = np.zeros((nx + 2 * PAD, ny + 2 * PAD), dtype=np.uint8)
     inner = inradius(geometry)
     for i in range(nx):
         for j in range(ny):
@@ -209,15 +209,20 @@ def _linked(links: LinkArray, v: int, w: int, axis: int, sense: int) -> bool:
 
 
 @njit(cache=True)
-def round_boundary(frame: FloatArray, links: LinkArray, claims: LinkArray) -> None:
+def round_boundary(frame: FloatArray, links: LinkArray, claims: LinkArray, claimed: IndexArray) -> None:
     """Move the boundary of the free space to about the nearest vertices, not always to the inner ones.
 
     A grid of free vertices alone keeps every path up to a link away from the walls and makes all of them too
     long. So a vertex in collision is lent to the wave if the part LENT of a link to it is free, but only
     where that cannot join what was apart: the free neighbours that claim it must be joined around it already.
+
+    Args:
+        frame: (FRAME,) where the vertices lie.
+        links: (n,) uint8; links to and between lent vertices are set.
+        claims: (n,) uint8, from `certify_links`; cleared where they cannot be granted.
+        claimed: (m,) the vertices with claims.
     """
     axes = 3 if frame[COUNT_THETA] > 1.0 else 2
-    claimed = np.flatnonzero(claims)
     for n in range(claimed.size):
         if not _one_side(frame, links, np.int64(claims[claimed[n]]), claimed[n], axes):
             claims[claimed[n]] = 0

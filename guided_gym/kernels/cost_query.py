@@ -141,7 +141,10 @@ def _beside_obstacles(
         for ring in range(_WIDEST + 1):
             targets, costs = _targets(field, frame, x, y, theta, ring)
             while True:
-                n = np.argmin(costs)
+                n = 0
+                for other in range(costs.size):
+                    if costs[other] < costs[n]:
+                        n = other
                 if costs[n] == np.inf:
                     break
                 t = targets[n]
@@ -182,14 +185,16 @@ def _targets(
     gt = theta / frame[STEP_THETA] * depth
     i, j, k = math.floor(gx), math.floor(gy), math.floor(gt)
     side, layers = 2 + 2 * ring, 2 + 2 * ring * depth
-    targets, costs = np.empty((1 + side * side * layers, 3)), np.full(1 + side * side * layers, np.inf)
+    targets, costs = np.empty((1 + side * side * layers, 3)), np.empty(1 + side * side * layers)
     turn = wrapped(frame[GOAL + 2] - theta) * depth
     targets[0, 0], targets[0, 1], targets[0, 2] = frame[GOAL] - x, frame[GOAL + 1] - y, turn
-    if _length(frame, targets[0]) <= frame[SIGHT]:
-        costs[0] = _length(frame, targets[0])
+    costs[0] = _length(frame, targets[0])
+    if costs[0] > frame[SIGHT]:
+        costs[0] = np.inf
     for n in range(side * side * layers):
         # In the cell itself, the bits of n are the corner's offsets along x, y and theta.
         a, b, c = i - ring + n % side, j - ring + n // side % side, k + (n // (side * side) - ring) * depth
+        costs[n + 1] = np.inf
         if 0 <= a < frame[COUNT_X] and 0 <= b < frame[COUNT_Y] and (depth or n < side * side):
             u = field[((a + PAD) * (int(frame[COUNT_Y]) + 2 * PAD) + b + PAD) * nt + c % nt]
             targets[n + 1, 0] = (a - gx) * frame[STEP_X]

@@ -113,23 +113,15 @@ def _offer(
 
 
 @njit(cache=True)
-def _neighbours(links: LinkArray, v: int, stride: int, n_angles: int, near: npt.NDArray[np.int64]) -> int:
-    """Write the linked neighbours of v to `near`, before and after it along each axis, -1 where none.
-
-    Returns:
-        How many there are.
-    """
+def _neighbours(links: LinkArray, v: int, stride: int, n_angles: int, near: npt.NDArray[np.int64]) -> None:
+    """Write the linked neighbours of v to `near`, before and after it along each axis, -1 where none."""
     k = v % n_angles
     near[0], near[1], near[2], near[3] = v - stride, v + stride, v - n_angles, v + n_angles
     near[4] = v - 1 if k > 0 else v + n_angles - 1
     near[5] = v + 1 if k < n_angles - 1 else v - n_angles + 1
-    found = 0
     for side in range(6):
         if (side > 3 and n_angles == 1) or not links[v if side & 1 else near[side]] & (1 << (side >> 1)):
             near[side] = -1
-        else:
-            found += 1
-    return found
 
 
 @njit(cache=True)
@@ -146,6 +138,75 @@ def _corner(links: LinkArray, v: int, near: npt.NDArray[np.int64], s: int, t: in
 
 
 @njit(cache=True)
+def _fan_level(field: FieldArray, levels: LinkArray, near: npt.NDArray[np.int64], sides: int) -> int:
+    """_FAN beside obstacles, and one less with each vertex that the wave has come on from there."""
+    level = 1
+    for side in range(sides):
+        if near[side] < 0:
+            return _FAN
+        if field[near[side]] < _INF and levels[near[side]] > level:
+            level = np.int64(levels[near[side]])
+    return level - 1
+
+
+@njit(cache=True)
+def _march(
+    links: LinkArray,
+    stride: int,
+    n_angles: int,
+    spacing: FloatArray,
+    seeds: int,
+    width: float,
+    field: FieldArray,
+    trial: FieldArray,
+    levels: LinkArray,
+    head: IndexArray,
+    following: npt.NDArray[np.int32],
+    waiting: npt.NDArray[np.int32],
+) -> None:
+    """Run the wave until no bucket holds a vertex.
+
+    Bucket b holds the vertices with trial values in [b, b + 1) * width, as a chain of entries: `head` of the
+    slot b % head.size, then `following`. The first `seeds` entries are known vertices. A vertex may wait in
+    several entries, of which all but the first that is reached are stale.
+    """
+    sides = 6 if n_angles > 1 else 4
+    weights = (1.0 / spacing[0] ** 2, 1.0 / spacing[1] ** 2, 1.0 / spacing[2] ** 2)
+    near = np.empty(6, dtype=np.int64)
+    used, live, bucket = seeds, seeds, 0
+    while live > 0:
+        slot = bucket % head.size
+        while head[slot] >= 0:
+            entry = head[slot]
+            v = np.int64(waiting[entry])
+            head[slot] = following[entry]
+            live -= 1
+            if field[v] < _INF and entry >= seeds:
+                continue
+            field[v] = trial[v]
+            _neighbours(links, v, stride, n_angles, near)
+            # Just behind the corners of obstacles the wave fans out and differences are worst: for a few
+            # vertices along its way, offer the diagonals of squares as straight lines too.
+            levels[v] = _fan_level(field, levels, near, sides)
+            for target in range(6 if levels[v] == 0 else 18):
+                u = np.inf
+                if target < 6:
+                    w = near[target]
+                    if w >= 0 and field[w] == _INF:
+                        u = _offer(field, links, w, stride, n_angles, weights)
+                else:
+                    s, t = _SQUARES[target - 6, 0], _SQUARES[target - 6, 1]
+                    w = _corner(links, v, near, s, t)
+                    if w >= 0 and field[w] == _INF:
+                        u = field[v] + math.sqrt(spacing[s >> 1] ** 2 + spacing[t >> 1] ** 2)
+                if u < trial[w]:
+                    trial[w] = u
+                    slot_w = max(int(u / width), bucket) % head.size
+                    waiting[used], following[used], head[slot_w] = w, head[slot_w], used
+                    used, live = used + 1, live + 1
+        bucket += 1
+
+
 def march(
     links: LinkArray, stride: int, n_angles: int, spacing: FloatArray, seeds: IndexArray, values: FloatArray
 ) -> FieldArray:
@@ -162,65 +223,32 @@ def march(
     Returns:
         (n,) float32, infinite where no chain of links leads to a seed.
     """
+    lengths = spacing[: 3 if n_angles > 1 else 2]
+    span = max(2.0 * float(lengths.max()), float(values.max(initial=0.0)))
+    width = max(0.1 * float(lengths.min()), span / _MAX_BUCKETS)
     n = links.size
-    axes = 3 if n_angles > 1 else 2
-    width = 0.1 * spacing[:axes].min()
-    span = 2.0 * spacing[:axes].max()
-    if values.size > 0:
-        span = max(span, values.max())
-    width = max(width, span / _MAX_BUCKETS)
-    n_buckets = int(span / width) + 3
-    weights = (1.0 / spacing[0] ** 2, 1.0 / spacing[1] ** 2, 1.0 / spacing[2] ** 2)
     field = np.full(n, _INF, dtype=np.float32)
-    trial = np.full(n, _INF, dtype=np.float32)
+    field[seeds] = values
+    head = np.full(int(span / width) + 3, -1, dtype=np.int64)
+    # Each of a vertex's six neighbours and twelve diagonals makes it wait at most once.
+    following = np.empty(seeds.size + 18 * n, dtype=np.int32)
+    waiting = np.empty(seeds.size + 18 * n, dtype=np.int32)
+    waiting[: seeds.size] = seeds
+    for entry, slot in enumerate((values / width).astype(np.int64)):
+        following[entry], head[slot] = head[slot], entry
     levels = np.zeros(n, dtype=np.uint8)
-    near = np.empty(6, dtype=np.int64)
-    # A bucket is a chain of entries; one vertex may wait in several, and the later ones are stale.
-    head = np.full(n_buckets, -1, dtype=np.int64)
-    following = np.empty(18 * n, dtype=np.int32)
-    waiting = np.empty(18 * n, dtype=np.int32)
-    used, live, bucket = 0, 0, 0
-    for i in range(seeds.size):
-        field[seeds[i]] = trial[seeds[i]] = values[i]
-        slot = int(values[i] / width) % n_buckets
-        waiting[used], following[used], head[slot] = seeds[i], head[slot], used
-        used, live = used + 1, live + 1
-    while live > 0:
-        slot = bucket % n_buckets
-        while head[slot] >= 0:
-            entry = head[slot]
-            v = np.int64(waiting[entry])
-            head[slot] = following[entry]
-            live -= 1
-            if field[v] < _INF and entry >= seeds.size:
-                continue
-            field[v] = trial[v]
-            found = _neighbours(links, v, stride, n_angles, near)
-            # Just behind the corners of obstacles the wave fans out and differences are worst: for a few
-            # vertices along its way, offer the diagonals of squares as straight lines too.
-            level = _FAN
-            if found == 2 * axes:
-                level = 1
-                for side in range(2 * axes):
-                    if field[near[side]] < _INF:
-                        level = max(level, np.int64(levels[near[side]]))
-                level -= 1
-            levels[v] = level
-            for target in range(6 if level == 0 else 18):
-                u = np.inf
-                if target < 6:
-                    w = near[target]
-                    if w >= 0 and field[w] == _INF:
-                        u = _offer(field, links, w, stride, n_angles, weights)
-                else:
-                    s, t = _SQUARES[target - 6, 0], _SQUARES[target - 6, 1]
-                    w = _corner(links, v, near, s, t)
-                    if w >= 0 and field[w] == _INF:
-                        u = field[v] + math.hypot(spacing[s >> 1], spacing[t >> 1])
-                if u < trial[w]:
-                    trial[w] = u
-                    slot_w = max(int(u / width), bucket) % n_buckets
-                    waiting[used], following[used], head[slot_w] = w, head[slot_w], used
-                    used, live = used + 1, live + 1
-        bucket += 1
+    _march(
+        links,
+        stride,
+        n_angles,
+        spacing,
+        seeds.size,
+        width,
+        field,
+        field.copy(),
+        levels,
+        head,
+        following,
+        waiting,
+    )
     return field
