@@ -7,7 +7,6 @@ from abc import ABC, abstractmethod
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from functools import cached_property
-from types import MappingProxyType
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -17,8 +16,6 @@ from guided_gym.environment import Environment
 from guided_gym.errors import InvalidInputError
 from guided_gym.robots import Robot
 from guided_gym.space import ConfigurationSpace
-
-NO_REGIONS: Mapping[str, BaseGeometry] = MappingProxyType({})
 
 
 @dataclass(frozen=True, eq=False)
@@ -70,7 +67,7 @@ class Problem:
     environment: Environment
     task: Task
     name: str = "problem"
-    regions: Mapping[str, BaseGeometry] = field(default_factory=lambda: NO_REGIONS)
+    regions: Mapping[str, BaseGeometry] = field(default_factory=dict)
     rotation_weight: float | None = None
 
     def __post_init__(self) -> None:

@@ -8,6 +8,7 @@ import pytest
 from gymnasium.utils.env_checker import check_env
 from gymnasium.wrappers import FlattenObservation, RecordEpisodeStatistics, RecordVideo
 
+from guided_gym import Environment, Problem, Robot, Task
 from guided_gym.envs import make_distribution, rollout_bytes
 from guided_gym.registration import ENVIRONMENTS
 
@@ -76,6 +77,19 @@ def test_make_vec(mode):
         envs.close()
 
 
+@pytest.mark.parametrize("mode", ["sync", "async"])
+def test_a_vector_can_be_given_a_problem(mode):
+    problem = Problem(Robot.point(), Environment((0.0, 0.0, 2.0, 1.0)), Task((0.3, 0.5), (1.7, 0.5)))
+    envs = gymnasium.make_vec("guided_gym/Cup-v0", 2, vectorization_mode=mode, max_samples=5)
+    try:
+        _, info = envs.reset(seed=0, options={"problem": problem})
+        assert info["solved"].all()
+        *_, terminated, _, _ = envs.step(np.zeros(2, np.int64))
+        assert terminated.all()
+    finally:
+        envs.close()
+
+
 def test_flatten_observation():
     env = FlattenObservation(gymnasium.make("guided_gym/Trap-v0", max_nodes=8))
     observation, _ = env.reset(seed=0)
@@ -99,7 +113,9 @@ def test_record_video(tmp_path):
     pytest.importorskip("pygame")
     pytest.importorskip("moviepy")
     env = gymnasium.make("guided_gym/TrapCup-v0", render_mode="rgb_array", max_samples=4)
-    env = RecordVideo(env, str(tmp_path / "videos"), episode_trigger=lambda episode: True, disable_logger=True)
+    env = RecordVideo(
+        env, str(tmp_path / "videos"), episode_trigger=lambda episode: True, disable_logger=True
+    )
     env.reset(seed=0)
     truncated = False
     while not truncated:

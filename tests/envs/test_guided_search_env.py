@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import copy
 import math
+import pickle
 
 import gymnasium
 import numpy as np
@@ -393,6 +395,18 @@ def test_each_environment_has_an_expander_of_its_own(problem):
             env.step(0)
         trees.append(env.search.tree.configurations)
     assert np.array_equal(*trees)
+
+
+@pytest.mark.parametrize("snapshot", [copy.deepcopy, lambda env: pickle.loads(pickle.dumps(env))])
+def test_a_copy_goes_on_as_the_original_does(problem, snapshot):
+    env = make(problem, expansion="lazy_prm")
+    for _ in range(5):
+        env.step(0)
+    other = snapshot(env)
+    for k in range(10):
+        ours, theirs = env.step(k % 3), other.step(k % 3)
+        assert ours[1:] == theirs[1:]
+        assert all(np.array_equal(ours[0][key], theirs[0][key]) for key in ours[0])
 
 
 def test_search_options_reach_the_search(problem):
