@@ -20,7 +20,8 @@ from guided_gym.robots import Robot
 
 SIZE = 10.0
 ROBOT_LENGTH, ROBOT_WIDTH = 0.8, 0.3
-PASSAGE_WIDTH = 0.8  # the robot fits with 0.25 to spare on either side
+PASSAGE_WIDTH = 0.9  # the robot fits with 0.3 to spare on either side
+DETOUR_WIDTH = 1.4  # the way round a trap is not narrow
 TRAP_WIDTH = 0.2  # a point fits, the robot never does
 
 
@@ -70,8 +71,8 @@ def _problem(
 
 def simple_passage() -> Problem:
     """Two rooms joined by one narrow passage, on the straight way from start to goal."""
-    obstacles = wall(4.5, 5.5, (5.0, PASSAGE_WIDTH))
-    regions = columns(start_room=4.5, passage=5.5, goal_room=SIZE)
+    obstacles = wall(4.7, 5.3, (5.0, PASSAGE_WIDTH))
+    regions = columns(start_room=4.7, passage=5.3, goal_room=SIZE)
     return _problem("SimplePassage", obstacles, (1.5, 2.0, 0.0), (8.5, 8.0, 0.0), regions)
 
 
@@ -85,7 +86,7 @@ def cup_problem() -> Problem:
 
 def trap() -> Problem:
     """Two passages: the first, on the straight way, fits a point but never the robot."""
-    obstacles = wall(4.5, 5.5, (5.0, TRAP_WIDTH), (8.5, PASSAGE_WIDTH))
+    obstacles = wall(4.5, 5.5, (5.0, TRAP_WIDTH), (8.5, DETOUR_WIDTH))
     regions = columns(trap=4.5, passage=5.5, goal_room=SIZE)
     return _problem("Trap", obstacles, (1.5, 5.0, 0.0), (8.5, 5.0, 0.0), regions)
 
@@ -95,7 +96,7 @@ def trap_cup() -> Problem:
 
     The cup hangs from the ceiling: who took the valid passage, at the top, has to come down around it.
     """
-    obstacles = wall(2.6, 3.4, (5.0, TRAP_WIDTH), (9.0, PASSAGE_WIDTH))
+    obstacles = wall(2.6, 3.4, (5.0, TRAP_WIDTH), (8.8, DETOUR_WIDTH))
     obstacles += [*cup(5.4, 8.2, 2.4, 7.6, 0.4), box(7.8, 7.6, 8.2, SIZE)]
     inside = box(4.4, 2.0, 8.2, SIZE)
     regions: dict[str, BaseGeometry] = {"trap": box(0, 0, 3.4, SIZE), "cup": inside}
@@ -108,8 +109,8 @@ def random_simple_passage(rng: np.random.Generator) -> Problem:
     gap = rng.uniform(1.0, 9.0)
     start = (rng.uniform(0.8, 3.6), rng.uniform(0.8, 9.2), rng.uniform(-np.pi, np.pi))
     goal = (rng.uniform(6.4, 9.2), rng.uniform(0.8, 9.2), rng.uniform(-np.pi, np.pi))
-    obstacles = wall(4.5, 5.5, (gap, PASSAGE_WIDTH))
-    regions = columns(start_room=4.5, passage=5.5, goal_room=SIZE)
+    obstacles = wall(4.7, 5.3, (gap, PASSAGE_WIDTH))
+    regions = columns(start_room=4.7, passage=5.3, goal_room=SIZE)
     return _problem("RandomSimplePassage", obstacles, start, goal, regions)
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 from functools import lru_cache
 
 import networkx as nx
@@ -106,7 +107,7 @@ def medial_axis(environment: Environment, spacing: float) -> tuple[NDArray[np.fl
         inner = shapely.line_interpolate_point(line, np.arange(1, parts) / parts, normalized=True)
         row = [ends[0], *range(len(points), len(points) + len(inner)), ends[1]]
         points.extend(shapely.get_coordinates(inner))
-        edges.extend(zip(row[:-1], row[1:], strict=True))
+        edges.extend(itertools.pairwise(row))
     kept = [(a, b) for a, b in edges if a != b]
     return np.array(points), np.array(kept, np.int32).reshape(-1, 2)
 

@@ -116,8 +116,11 @@ class SearchTree:
 
             self._index = GrowingIndex(self.space.weights, self.space.periods)
         index = self._index
-        for i in range(len(index), self._n):
-            index.add(self._configurations[i])
+        known = len(index)
+        if known + 1 == self._n:
+            index.add(self._configurations[known])
+        elif known < self._n:
+            index.add_many(self._configurations[known : self._n])
         return index
 
     def nearest(self, q: NDArray[np.float64]) -> int:

@@ -16,7 +16,7 @@ if TYPE_CHECKING:
 
 
 class GuidingSpace(ABC):
-    """A guiding space S with its projection P_T : C -> S and heuristic h : S -> R+ (paper, Defining Guided Planning).
+    """A guiding space S: a projection P_T : C -> S and a heuristic h : S -> R+ (paper, Section 3.1).
 
     A subclass writes `project` and `heuristic`; selection, proposal and the distribution over the tree
     follow. It may write `prepare` (once, before a search), `feedback` (after each expansion) and anything
@@ -25,8 +25,8 @@ class GuidingSpace(ABC):
     Args:
         temperature: 0 selects argmin h, as in Algorithm 1. A positive temperature, in units of the local
             planner's step, selects from softmin(h / temperature).
-        failure_penalty: What a failed expansion adds to its node's h, in units of the local planner's
-            step. h is conditioned on T, so that no node fails forever.
+        expansion_penalty: What each expansion of a node, failed or not, adds to its h, in units of the
+            local planner's step. h is conditioned on T, so that no node is tried in vain forever.
 
     Attributes:
         name: The name in tables and on the command line.
@@ -34,12 +34,12 @@ class GuidingSpace(ABC):
 
     name: ClassVar[str] = ""
 
-    def __init__(self, *, temperature: float = 0.0, failure_penalty: float = 0.1) -> None:
-        for label, value in (("temperature", temperature), ("failure_penalty", failure_penalty)):
+    def __init__(self, *, temperature: float = 0.0, expansion_penalty: float = 0.1) -> None:
+        for label, value in (("temperature", temperature), ("expansion_penalty", expansion_penalty)):
             if not 0 <= value < np.inf:
                 raise InvalidInputError(f"{label}: expected a number >= 0, got {value!r}")
         self.temperature = temperature
-        self.failure_penalty = failure_penalty
+        self.expansion_penalty = expansion_penalty
 
     def reset(self, search: Search) -> None:
         """Forget the last search and get ready for a new one."""
@@ -49,7 +49,7 @@ class GuidingSpace(ABC):
         self._known = np.zeros(0)
         self.prepare()
 
-    def prepare(self) -> None:
+    def prepare(self) -> None:  # noqa: B027  a hook: nothing to prepare is common
         """Build what this guiding space needs for ``self.search``; nothing by default."""
 
     @abstractmethod
@@ -60,7 +60,7 @@ class GuidingSpace(ABC):
     def heuristic(self, states: NDArray[Any]) -> NDArray[np.float64]:
         """h: n states of S to (n,) values >= 0; infinite where S gives no guidance."""
 
-    def feedback(self, expansion: Expansion) -> None:
+    def feedback(self, expansion: Expansion) -> None:  # noqa: B027  a hook, like prepare
         """Learn from an expansion; called after the tree has changed. Nothing by default."""
 
     def forget(self) -> None:
@@ -68,14 +68,14 @@ class GuidingSpace(ABC):
         self._known = np.zeros(0)
 
     def values(self, tree: SearchTree) -> NDArray[np.float64]:
-        """(n,) h(P_T(v)) of each node, the penalty for its failed expansions included."""
+        """(n,) h(P_T(v)) of each node, the penalty for its expansions so far included."""
         n, known = len(tree), self._known.size
         if known < n:
             fresh = self.heuristic(self.project(tree, tree.configurations[known:]))
             self._known = np.concatenate([self._known, fresh]) if known else np.array(fresh, np.float64)
-        if self.failure_penalty == 0:
+        if self.expansion_penalty == 0:
             return self._known
-        return self._known + (self.failure_penalty * self.planner.step) * tree.failures
+        return self._known + (self.expansion_penalty * self.planner.step) * (tree.failures + tree.children)
 
     def distribution(self, tree: SearchTree) -> NDArray[np.float64]:
         """(n,) the distribution P over the nodes from which `select` draws."""
@@ -105,6 +105,18 @@ class GuidingSpace(ABC):
         """(d,) x_new: the member of N_C(v) with the least h, among the local planner's candidates."""
         candidates = self.planner.candidates(tree._configurations[node])
         return candidates[int(np.argmin(self.heuristic(self.project(tree, candidates))))]
+
+
+def positive(**values: float) -> tuple[float, ...]:
+    """The values, in order.
+
+    Raises:
+        InvalidInputError: One of them is not a positive finite number.
+    """
+    for label, value in values.items():
+        if not 0 < value < np.inf:
+            raise InvalidInputError(f"{label}: expected a positive number, got {value!r}")
+    return tuple(values.values())
 
 
 def draw(p: NDArray[np.float64], rng: np.random.Generator) -> int:

@@ -1,4 +1,4 @@
-"""Environment modification, S = (r, E'): roadmaps that see fewer obstacles than there are (paper, Section 4.2)."""
+"""Environment modification, S = (r, E'): roadmaps that see fewer obstacles (paper, Section 4.2)."""
 
 from __future__ import annotations
 
@@ -8,10 +8,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from guided_gym.errors import InvalidInputError
+from guided_gym.guidance.base import positive
 from guided_gym.guidance.roadmap import Anchors, Roadmap, RoadmapGuidance
 from guided_gym.kernels.anchors import drop_anchors
 from guided_gym.kernels.nearest import GrowingIndex
-from guided_gym.kernels.shortest_paths import SegmentIndex, nearest_graph
+from guided_gym.kernels.segments import SegmentIndex
+from guided_gym.kernels.shortest_paths import nearest_graph
 
 if TYPE_CHECKING:
     from guided_gym.search import Expansion
@@ -26,7 +28,7 @@ class SampledRoadmap(RoadmapGuidance):
         neighbours: Edges from each vertex to its nearest neighbours.
         anchors: Roadmap vertices that a configuration is joined to.
         temperature: See `GuidingSpace`.
-        failure_penalty: See `GuidingSpace`.
+        expansion_penalty: See `GuidingSpace`.
     """
 
     def __init__(
@@ -36,9 +38,9 @@ class SampledRoadmap(RoadmapGuidance):
         neighbours: int = 12,
         anchors: int = 8,
         temperature: float = 0.0,
-        failure_penalty: float = 0.1,
+        expansion_penalty: float = 0.1,
     ) -> None:
-        super().__init__(temperature=temperature, failure_penalty=failure_penalty)
+        super().__init__(temperature=temperature, expansion_penalty=expansion_penalty)
         for label, value in (("vertices", vertices), ("neighbours", neighbours), ("anchors", anchors)):
             if value < 1:
                 raise InvalidInputError(f"{label}: expected at least 1, got {value!r}")
@@ -76,7 +78,7 @@ class PRM(SampledRoadmap):
     name: ClassVar[str] = "prm"
 
     def samples(self, count: int) -> NDArray[np.float64]:
-        """(<= count + 1, d) valid vertices, the goal last; as many as were asked for, if C_free is not tiny."""
+        """(<= count + 1, d) valid vertices, the goal last; fewer only if C_free is tiny."""
         kept: list[NDArray[np.float64]] = []
         for _ in range(20):
             drawn = self.space.sample(self.rng, count)
@@ -106,17 +108,20 @@ class LazyPRM(SampledRoadmap):
     """A roadmap that ignores all obstacles: E' is empty at first, and learns from every collision.
 
     A failed expansion removes the edges that pass within ``radius`` of the colliding configuration, and the
-    anchors that do: the connection of a node to the roadmap is as unvalidated as the roadmap itself. When
-    nothing leads to the goal any more, the roadmap is built anew with more vertices and a smaller radius,
-    and all collisions so far are applied to it.
+    anchors that do: the connection of a node to the roadmap is as unvalidated as the roadmap itself. It also
+    has the vertices within ``check`` looked at, and those in collision removed. When nothing leads to the
+    goal any more, the roadmap is built anew with more vertices and a smaller radius, and all collisions so
+    far are applied to it.
 
     Args:
-        radius: Reach of a collision, in units of the local planner's step.
+        radius: A collision deletes the edges and anchors that pass this near, in units of the local
+            planner's step.
+        check: A collision has the vertices this near validated, in the same units.
         vertices: Number of vertices.
         neighbours: Edges from each vertex to its nearest neighbours.
         anchors: Roadmap vertices that a configuration is joined to.
         temperature: See `GuidingSpace`.
-        failure_penalty: See `GuidingSpace`.
+        expansion_penalty: See `GuidingSpace`.
     """
 
     name: ClassVar[str] = "lazy_prm"
@@ -130,19 +135,16 @@ class LazyPRM(SampledRoadmap):
         neighbours: int = 12,
         anchors: int = 8,
         temperature: float = 0.0,
-        failure_penalty: float = 0.1,
+        expansion_penalty: float = 0.1,
     ) -> None:
         super().__init__(
             vertices=vertices,
             neighbours=neighbours,
             anchors=anchors,
             temperature=temperature,
-            failure_penalty=failure_penalty,
+            expansion_penalty=expansion_penalty,
         )
-        if not 0 < radius < np.inf:
-            raise InvalidInputError(f"radius: expected a positive number, got {radius!r}")
-        self.radius = radius
-        self.check = check
+        self.radius, self.check = positive(radius=radius, check=check)
 
     def prepare(self) -> None:
         """Build the first roadmap."""
@@ -190,15 +192,12 @@ class LazyPRM(SampledRoadmap):
         edges = self._segments.within(contact, self._reach)
         if len(edges):
             self.roadmap.remove(np.asarray(edges, np.int32))
-        near = self._index.within(contact, self.check * self.planner.step)
-        near = near[near != self.roadmap.goal]
-        if len(near):
-            bad = near[~self.space.valid(self.roadmap.points[near])]
-            self.search.collision_checks += len(near)
-            self.roadmap.tree.remove_vertices(bad)
+        bad = self.invalid_near(self._index, contact, self.check * self.planner.step)
+        if len(bad):
+            self.roadmap.remove_vertices(bad)
 
     def select(self, tree: SearchTree) -> int:
-        """argmin h; where nothing leads to the goal any more, on a new and finer roadmap."""
+        """Argmin h; where nothing leads to the goal any more, on a new and finer roadmap."""
         for _ in range(4):
             if np.isfinite(self.values(tree).min()):
                 break

@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from guided_gym.errors import InvalidInputError
+from guided_gym.guidance.base import positive
 from guided_gym.guidance.roadmap import Anchors, Roadmap, RoadmapGuidance
 from guided_gym.guidance.search_space import Voronoi
 from guided_gym.kernels.nearest import GrowingIndex
@@ -32,9 +33,11 @@ class PathDatabase(RoadmapGuidance):
         database: A `PathLibrary`, or the file that ``guided-gym database build`` wrote.
         paths: Use only the first so many paths of the database; None for all.
         similar: Paths a query.
-        radius: Reach of a collision, in units of the local planner's step.
+        radius: A collision filters out the paths that pass this near, in units of the local planner's step.
+        check: A collision has the waypoints this near validated, in the same units; a path with one in
+            collision is filtered out.
         temperature: See `GuidingSpace`.
-        failure_penalty: See `GuidingSpace`.
+        expansion_penalty: See `GuidingSpace`.
     """
 
     name: ClassVar[str] = "path_database"
@@ -44,12 +47,13 @@ class PathDatabase(RoadmapGuidance):
         *,
         database: PathLibrary | str | Path | None = None,
         paths: int | None = None,
-        similar: int = 32,
+        similar: int = 128,
         radius: float = 0.1,
+        check: float = 2.5,
         temperature: float = 0.0,
-        failure_penalty: float = 0.1,
+        expansion_penalty: float = 0.1,
     ) -> None:
-        super().__init__(temperature=temperature, failure_penalty=failure_penalty)
+        super().__init__(temperature=temperature, expansion_penalty=expansion_penalty)
         if database is None:
             raise InvalidInputError(
                 "path_database: expected a database of paths (database=FILE), got none; "
@@ -57,8 +61,6 @@ class PathDatabase(RoadmapGuidance):
             )
         if similar < 1:
             raise InvalidInputError(f"similar: expected at least 1, got {similar!r}")
-        if not 0 < radius < np.inf:
-            raise InvalidInputError(f"radius: expected a positive number, got {radius!r}")
         if isinstance(database, str | Path):
             from guided_gym.database import PathDatabase as Store
 
@@ -67,7 +69,8 @@ class PathDatabase(RoadmapGuidance):
         elif paths is not None:
             database = database.subset(paths)
         self.library: PathLibrary = database
-        self.similar, self.radius = similar, radius
+        self.similar = similar
+        self.radius, self.check = positive(radius=radius, check=check)
         self._fallback = Voronoi()
 
     def prepare(self) -> None:
@@ -141,8 +144,10 @@ class PathDatabase(RoadmapGuidance):
         self._fallback.feedback(expansion)
 
     def _filter(self, contact: NDArray[np.float64]) -> None:
-        near = self._index.within(contact, self.radius * self.planner.step)
-        struck = np.unique(self._path_of[near])
+        step = self.planner.step
+        near = self._index.within(contact, self.radius * step)
+        bad = self.invalid_near(self._index, contact, self.check * step)
+        struck = np.unique(self._path_of[np.concatenate([near, bad])])
         struck = struck[self._alive[struck]]
         if struck.size == 0:
             return
@@ -174,7 +179,7 @@ class PathDatabase(RoadmapGuidance):
         return bool(np.isfinite(self.values(tree)).any())
 
     def select(self, tree: SearchTree) -> int:
-        """argmin h, or RRT's choice while no node sees a path."""
+        """Argmin h, or RRT's choice while no node sees a path."""
         self._guided = self._sighted(tree)
         return super().select(tree) if self._guided else self._fallback.select(tree)
 

@@ -58,7 +58,7 @@ class Hybrid(GuidingSpace):
     ) -> None:
         from guided_gym.guidance import make_guidance
 
-        super().__init__(failure_penalty=0.0)
+        super().__init__(expansion_penalty=0.0)
         if isinstance(guides, str) or len(guides) < 1:
             raise InvalidInputError(f"guides: expected a sequence of guiding spaces, got {guides!r}")
         self.guides = [make_guidance(guide) for guide in guides]
@@ -83,7 +83,7 @@ class Hybrid(GuidingSpace):
         return self.current, self.guide.project(tree, q)
 
     def heuristic(self, states: tuple[int, Any]) -> NDArray[np.float64]:  # type: ignore[override]
-        """h of the guiding space that the states belong to."""
+        """H of the guiding space that the states belong to."""
         index, inner = states
         return self.guides[index].heuristic(inner)
 

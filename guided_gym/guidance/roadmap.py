@@ -20,6 +20,7 @@ from guided_gym.kernels.anchors import anchored_values, drop_anchors
 from guided_gym.kernels.shortest_paths import RoadmapGraph, ShortestPathTree
 
 if TYPE_CHECKING:
+    from guided_gym.kernels.nearest import GrowingIndex
     from guided_gym.tree import SearchTree
 
 
@@ -76,6 +77,11 @@ class Roadmap:
         """Remove some edges."""
         self.multipliers[edges] = np.inf
         self.tree.remove_edges(edges)
+
+    def remove_vertices(self, vertices: NDArray[np.int64]) -> None:
+        """Remove some vertices with all their edges."""
+        self.multipliers[np.isin(self.edges, vertices).any(axis=1)] = np.inf
+        self.tree.remove_vertices(vertices)
 
     def graph(self) -> nx.Graph:
         """The roadmap as it stands, as a networkx graph: ``pos`` per vertex, ``weight`` per edge."""
@@ -146,10 +152,10 @@ class RoadmapGuidance(GuidingSpace):
         return self._anchors
 
     def values(self, tree: SearchTree) -> NDArray[np.float64]:
-        """(n,) h of each node, the penalty for its failed expansions included."""
+        """(n,) h of each node, the penalty for its expansions so far included."""
         h = self._values_of(self.anchors(tree), len(tree))
-        if self.failure_penalty:
-            h += (self.failure_penalty * self.planner.step) * tree.failures
+        if self.expansion_penalty:
+            h += (self.expansion_penalty * self.planner.step) * (tree.failures + tree.children)
         return h
 
     def drop_near(self, tree: SearchTree, contacts: NDArray[np.float64], radius: float) -> None:
@@ -166,6 +172,20 @@ class RoadmapGuidance(GuidingSpace):
                 self.space.weights,
                 self.space.periods,
             )
+
+    def invalid_near(
+        self, index: GrowingIndex, contact: NDArray[np.float64], reach: float
+    ) -> NDArray[np.int64]:
+        """Roadmap vertices within ``reach`` of a colliding configuration that are in collision too.
+
+        A collision is the occasion to look at what was left unvalidated around it.
+        """
+        near = index.within(contact, reach)
+        near = near[np.isfinite(self.roadmap.distance[near])]
+        if near.size == 0:
+            return near
+        self.search.collision_checks += near.size
+        return near[~self.space.valid(self.roadmap.points[near])]
 
     def drawing(self) -> dict[str, NDArray[Any]]:
         """What a figure shows.

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, ClassVar
 import numpy as np
 from numpy.typing import NDArray
 
-from guided_gym.errors import InvalidInputError
+from guided_gym.guidance.base import positive
 from guided_gym.guidance.roadmap import Anchors, Roadmap, RoadmapGuidance
 from guided_gym.kernels.anchors import nearest_segments
 from guided_gym.kernels.shortest_paths import graph_from_edges
@@ -29,7 +29,7 @@ class MedialAxis(RoadmapGuidance):
         growth: What each failed expansion from v adds to the weight of e_v, as a share of its length.
         spacing: Length of a skeleton edge, in units of the local planner's step.
         temperature: See `GuidingSpace`.
-        failure_penalty: See `GuidingSpace`.
+        expansion_penalty: See `GuidingSpace`.
     """
 
     name: ClassVar[str] = "medial_axis"
@@ -37,17 +37,13 @@ class MedialAxis(RoadmapGuidance):
     def __init__(
         self,
         *,
-        growth: float = 0.3,
+        growth: float = 0.1,
         spacing: float = 1.0,
         temperature: float = 0.0,
-        failure_penalty: float = 0.5,
+        expansion_penalty: float = 1.0,
     ) -> None:
-        super().__init__(temperature=temperature, failure_penalty=failure_penalty)
-        if not 0 < growth < np.inf:
-            raise InvalidInputError(f"growth: expected a positive number, got {growth!r}")
-        if not 0 < spacing < np.inf:
-            raise InvalidInputError(f"spacing: expected a positive number, got {spacing!r}")
-        self.growth, self.spacing = growth, spacing
+        super().__init__(temperature=temperature, expansion_penalty=expansion_penalty)
+        self.growth, self.spacing = positive(growth=growth, spacing=spacing)
 
     def build(self) -> Roadmap:
         """The skeleton, with the goal's projection as a vertex of its own."""

@@ -1,4 +1,4 @@
-"""Guiding spaces with no modification: S = {0}, S = C, and the Voronoi cells of the tree (Simple Examples)."""
+"""Guiding spaces with no modification: S = {0}, S = C, and Voronoi cells (paper, Section 3.3)."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from guided_gym.errors import InvalidInputError
-from guided_gym.guidance.base import GuidingSpace, draw
+from guided_gym.guidance.base import GuidingSpace
 from guided_gym.kernels.cells import assign_cells
 
 if TYPE_CHECKING:
@@ -21,14 +21,14 @@ class Uninformed(GuidingSpace):
     name: ClassVar[str] = "uninformed"
 
     def __init__(self) -> None:
-        super().__init__(failure_penalty=0.0)
+        super().__init__(expansion_penalty=0.0)
 
     def project(self, tree: SearchTree, q: NDArray[np.float64]) -> NDArray[np.float64]:
         """Everything projects to 0."""
         return np.zeros(len(q))
 
     def heuristic(self, states: NDArray[np.float64]) -> NDArray[np.float64]:
-        """h(0) = 0."""
+        """The value 0."""
         return states
 
     def distribution(self, tree: SearchTree) -> NDArray[np.float64]:
@@ -92,7 +92,7 @@ class Voronoi(GuidingSpace):
     name: ClassVar[str] = "rrt"
 
     def __init__(self, *, goal_bias: float = 0.0, cell_samples: int = 4096) -> None:
-        super().__init__(failure_penalty=0.0)
+        super().__init__(expansion_penalty=0.0)
         if not 0 <= goal_bias < 1:
             raise InvalidInputError(f"goal_bias: expected 0 <= goal_bias < 1, got {goal_bias!r}")
         if cell_samples < 1:
@@ -154,7 +154,7 @@ class Voronoi(GuidingSpace):
         return volumes[[tree.nearest(x) for x in np.ascontiguousarray(q)]]
 
     def heuristic(self, states: NDArray[np.float64]) -> NDArray[np.float64]:
-        """h = 1 / volume."""
+        """The inverse of the volume."""
         with np.errstate(divide="ignore"):
             return 1.0 / np.asarray(states)
 
@@ -193,6 +193,3 @@ def _one_hot(node: int, n: int) -> NDArray[np.float64]:
     p = np.zeros(n)
     p[node] = 1.0
     return p
-
-
-__all__ = ["GoalDistance", "OracleGuidance", "Uninformed", "Voronoi", "draw"]

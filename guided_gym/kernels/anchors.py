@@ -3,18 +3,30 @@
 An anchor joins a configuration to a roadmap vertex: h is the least (length of the anchor + distance of its
 vertex). Where the anchor runs along a roadmap edge, its length grows with the edge's multiplier.
 """
+# mypy: disable-error-code="misc,no-any-return"
 
 from __future__ import annotations
 
 import numpy as np
 from numba import njit
+from numpy.typing import NDArray
 
 from guided_gym.kernels.metric import segment_separation, separation
 
+Floats = NDArray[np.float64]
+Int32s = NDArray[np.int32]
+
 
 @njit(cache=True)
-def anchored_values(vertices, lengths, edges, multipliers, distance, n):
-    """h of the first n configurations; infinite where no anchor leads to the goal.
+def anchored_values(
+    vertices: Int32s,
+    lengths: Floats,
+    edges: Int32s,
+    multipliers: Floats,
+    distance: Floats,
+    n: int,
+) -> Floats:
+    """Heuristic of the first n configurations; infinite where no anchor leads to the goal.
 
     Args:
         vertices: (>= n, k) int32 roadmap vertex of each anchor; -1 for none.
@@ -38,7 +50,17 @@ def anchored_values(vertices, lengths, edges, multipliers, distance, n):
 
 
 @njit(cache=True)
-def drop_anchors(q, n, vertices, lengths, points, contacts, radius, weights, periods):
+def drop_anchors(
+    q: Floats,
+    n: int,
+    vertices: Int32s,
+    lengths: Floats,
+    points: Floats,
+    contacts: Floats,
+    radius: float,
+    weights: Floats,
+    periods: Floats,
+) -> None:
     """Drop the anchors that pass within ``radius`` of a colliding configuration: their length becomes inf.
 
     Args:
@@ -72,7 +94,7 @@ def drop_anchors(q, n, vertices, lengths, points, contacts, radius, weights, per
 
 
 @njit(cache=True)
-def nearest_segments(q, tails, heads):
+def nearest_segments(q: Floats, tails: Floats, heads: Floats) -> tuple[Int32s, Floats, Floats]:
     """The nearest of a set of plane segments to each point.
 
     Args:

@@ -1,15 +1,29 @@
 """Voronoi cells by counting samples: which node each sample is nearest to."""
+# mypy: disable-error-code="misc,no-any-return"
 
 from __future__ import annotations
 
 import numpy as np
 from numba import njit
+from numpy.typing import NDArray
 
 from guided_gym.kernels.metric import separation
 
+Floats = NDArray[np.float64]
+Ints = NDArray[np.int64]
+
 
 @njit(cache=True)
-def assign_cells(samples, nodes, first, last, weights, periods, owner, distance):
+def assign_cells(
+    samples: Floats,
+    nodes: Floats,
+    first: int,
+    last: int,
+    weights: Floats,
+    periods: Floats,
+    owner: Ints,
+    distance: Floats,
+) -> None:
     """Let ``nodes[first:last]`` take over the samples that are nearer to them than to their owner.
 
     Args:

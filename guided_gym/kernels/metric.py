@@ -1,13 +1,17 @@
 """Distance and interpolation of single configurations: weighted, with periodic coordinates."""
+# mypy: disable-error-code="misc,no-any-return"
 
 from __future__ import annotations
 
 import numpy as np
 from numba import njit
+from numpy.typing import NDArray
+
+Floats = NDArray[np.float64]
 
 
 @njit(cache=True)
-def shortest(delta, period):
+def shortest(delta: float, period: float) -> float:
     """``delta`` taken the short way round; a period of 0 means not periodic."""
     if period > 0.0:
         return delta - period * np.floor(delta / period + 0.5)
@@ -15,7 +19,7 @@ def shortest(delta, period):
 
 
 @njit(cache=True)
-def separation(a, b, weights, periods):
+def separation(a: Floats, b: Floats, weights: Floats, periods: Floats) -> float:
     """Distance between configurations: sqrt(sum (w_i * wrapped difference_i)^2)."""
     total = 0.0
     for i in range(a.size):
@@ -25,7 +29,13 @@ def separation(a, b, weights, periods):
 
 
 @njit(cache=True)
-def steer(a, b, step, weights, periods):
+def steer(
+    a: Floats,
+    b: Floats,
+    step: float,
+    weights: Floats,
+    periods: Floats,
+) -> Floats:
     """The configuration at most ``step`` from ``a`` on the straight motion to ``b``; (d,) float64.
 
     Periodic coordinates come back in [-period / 2, period / 2).
@@ -39,10 +49,17 @@ def steer(a, b, step, weights, periods):
 
 
 @njit(cache=True)
-def segment_separation(a, b, q, weights, periods):
+def segment_separation(
+    a: Floats,
+    b: Floats,
+    q: Floats,
+    weights: Floats,
+    periods: Floats,
+) -> float:
     """Distance from ``q`` to the straight motion from ``a`` to ``b``.
 
-    The motion is unrolled around ``a``; exact for motions shorter than half a period.
+    Everything is unrolled around ``a``: exact while the distance and the motion's length add up to less than
+    half a period, and never too small.
     """
     along, squared, offset = 0.0, 0.0, 0.0
     for i in range(a.size):
@@ -56,7 +73,14 @@ def segment_separation(a, b, q, weights, periods):
 
 
 @njit(cache=True)
-def ball_samples(q, normals, radii, step, weights, periods):
+def ball_samples(
+    q: Floats,
+    normals: Floats,
+    radii: Floats,
+    step: float,
+    weights: Floats,
+    periods: Floats,
+) -> Floats:
     """(k, d) points of the ball of radius ``step`` around ``q``.
 
     Args:

@@ -1,15 +1,31 @@
 """Anchors from configurations to stored paths: per path, the waypoint with the least length to the goal."""
+# mypy: disable-error-code="misc,no-any-return"
 
 from __future__ import annotations
 
 import numpy as np
 from numba import njit
+from numpy.typing import NDArray
 
 from guided_gym.kernels.metric import separation
 
+Floats = NDArray[np.float64]
+Int32s = NDArray[np.int32]
+Ints = NDArray[np.int64]
+
 
 @njit(cache=True)
-def path_anchors(q, near, points, path_of, distance, reach, k, weights, periods):
+def path_anchors(
+    q: Floats,
+    near: Ints,
+    points: Floats,
+    path_of: Int32s,
+    distance: Floats,
+    reach: float,
+    k: int,
+    weights: Floats,
+    periods: Floats,
+) -> tuple[Int32s, Floats]:
     """Up to k anchors of each configuration, on different paths, by ascending anchor length + distance.
 
     Args:
