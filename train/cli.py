@@ -153,7 +153,8 @@ def reproduce(
 
     with _progress("Reproducing the paper", out) as progress:
         report = run(seeds=seeds, workers=workers, out=out, baselines=baselines, progress=progress)
-    written = save_report(report, out, figures=figures)
+    with _drawing(figures) as drawn:
+        written = save_report(report, out, figures=figures, drawn=drawn)
     console = _console()
     for table in report.tables():
         console.print(table)
@@ -249,6 +250,16 @@ def _progress(title: str, place: Path) -> Iterator[Callable[..., None]]:
         _stop(bars)
 
 
+@contextlib.contextmanager
+def _drawing(shown: bool) -> Iterator[Callable[[str], None]]:
+    """Says on stderr, on a terminal, which figure is done."""
+    if not shown:
+        yield lambda name: None
+        return
+    with _console(stderr=True).status("Drawing") as status:
+        yield lambda name: status.update(f"Drawing; {name} is done")
+
+
 def _stop(bars: Progress) -> None:
     if bars.live.is_started:
         bars.stop()
@@ -278,7 +289,8 @@ def _report(
 
         specs = as_specs(guidances, database)
         plans = [Plan(name, spec, settings) for name in names for spec in specs]
-        written += draw_evaluation(results, plans, folder / "figures")
+        with _drawing(figures) as drawn:
+            written += draw_evaluation(results, plans, folder / "figures", drawn)
     _name_files(console, folder, written)
 
 

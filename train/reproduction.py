@@ -132,8 +132,16 @@ def claims_table(claims: list[ClaimResult]) -> Table:
     return table
 
 
-def save_report(report: Report, folder: Path, *, figures: bool = True) -> list[Path]:
+def save_report(
+    report: Report, folder: Path, *, figures: bool = True, drawn: Callable[[str], None] | None = None
+) -> list[Path]:
     """Write the tables (CSV, JSON) and draw the paper's evaluation figures; returns the files.
+
+    Args:
+        report: What `reproduce` found.
+        folder: Where the files go.
+        figures: Whether to draw.
+        drawn: Called with the name of each figure when it is written.
 
     Raises:
         StorageError: The folder cannot be written.
@@ -143,5 +151,5 @@ def save_report(report: Report, folder: Path, *, figures: bool = True) -> list[P
     if figures:
         from guided_gym.train.drawing import draw_paper
 
-        written += draw_paper(report.results, report.plans, folder / "figures")
+        written += draw_paper(report.results, report.plans, folder / "figures", drawn)
     return written

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from functools import partial
 from pathlib import Path
 
 import pytest
@@ -20,6 +21,8 @@ def small(monkeypatch: pytest.MonkeyPatch) -> None:
     """Databases of a few paths."""
     for module in (claims, drawing, reproduction):
         monkeypatch.setattr(module, "DATABASE_SIZES", SIZES)
+    # Writing PDFs is half of the time, and tested elsewhere.
+    monkeypatch.setattr(drawing.figures, "save", partial(drawing.figures.save, formats=("png",)))
 
 
 def test_plans__are_the_papers() -> None:
