@@ -1,0 +1,216 @@
+"""Accuracy and speed of the oracle, beside scikit-fmm on the same grids.
+
+    python benchmarks/oracle.py --json oracle.json
+
+Point robots among polygons are compared with the exact visibility-graph distance; the paper's rectangle, which
+has no exact reference, with a solve at four times the default resolution. scikit-fmm (left out if it is not
+installed) gets the same poses and the same mask of free vertices, second order, and the exact distance to a
+small sphere around the goal as its start; it knows nothing of walls between vertices. It is interpolated
+linearly, and only poses where all corners are finite count in the columns "%" of both ("all %" counts every
+valid pose). Times of solves are of the processor, in ms, after compilation; the oracle's include finding the
+free vertices, which scikit-fmm is given for nothing.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import os
+import sys
+import tempfile
+import time
+from pathlib import Path
+
+import numpy as np
+import shapely
+from rich.console import Console
+from rich.table import Table
+from scipy.interpolate import RegularGridInterpolator
+from scipy.sparse.csgraph import dijkstra
+
+from guided_gym.environment import Environment
+from guided_gym.kernels.cost_query import cost_to_go_many, cost_to_go_one
+from guided_gym.oracle import Oracle, oracle_for
+from guided_gym.robots import Robot
+from guided_gym.space import ConfigurationSpace
+
+try:
+    import skfmm
+except ImportError:
+    skfmm = None
+
+BOUNDS = (0.0, 0.0, 10.0, 10.0)
+
+
+def clutter(rng, n=12):
+    """Disjoint random convex polygons."""
+    kept = []
+    while len(kept) < n:
+        angles = np.sort(rng.uniform(0, 2 * np.pi, rng.integers(3, 7)))
+        ring = rng.uniform(0, 10, 2) + rng.uniform(0.4, 1.2) * np.c_[np.cos(angles), np.sin(angles)]
+        polygon = shapely.Polygon(ring).convex_hull.intersection(shapely.box(*BOUNDS))
+        if polygon.area > 0.05 and all(polygon.distance(other) > 0.1 for other in kept):
+            kept.append(polygon)
+    return kept
+
+
+def wall(rng):
+    """A thick wall with one gap, at a random place."""
+    x, y, width = rng.uniform(3.5, 5), rng.uniform(2, 8), rng.uniform(0.7, 0.8)
+    return [shapely.box(x, -1, x + 1.5, y - width / 2), shapely.box(x, y + width / 2, x + 1.5, 11)]
+
+
+def cup(rng):
+    """A C-shaped dead end that opens to the left."""
+    x, y, s = rng.uniform(4, 5), rng.uniform(4.5, 5.5), 1.8
+    return [
+        shapely.box(x, y - s, x + 3, y - s + 0.4),
+        shapely.box(x, y + s - 0.4, x + 3, y + s),
+        shapely.box(x + 2.6, y - s, x + 3, y + s),
+    ]
+
+
+def visibility_distances(obstacles, goal, points):
+    """Exact distances of a point robot: Dijkstra over the corners that see each other."""
+    inside = shapely.union_all(obstacles).buffer(-1e-9)
+    corners = np.array([goal] + [c for o in obstacles for c in o.exterior.coords[:-1]])
+    corners = corners[shapely.covers(shapely.box(*BOUNDS), shapely.points(corners))]
+
+    def seen(a, b):
+        return ~shapely.intersects(shapely.linestrings(np.stack(np.broadcast_arrays(a, b), axis=-2)), inside)
+
+    gaps = np.linalg.norm(corners[:, None] - corners, axis=-1)
+    to_goal = dijkstra(np.where(seen(corners[:, None], corners), gaps, 0.0), indices=0)
+    legs = np.linalg.norm(points[:, None] - corners, axis=-1)
+    return np.where(seen(points[:, None], corners), legs + to_goal, np.inf).min(axis=1)
+
+
+def peer_costs(oracle, q):
+    """scikit-fmm on the oracle's grid: costs (NaN where a corner is missing) and solving time."""
+    space, axes = oracle.space, oracle.axes
+    poses = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1)
+    exact = space.distance(poses, oracle.goal)
+    steps = [axis[1] - axis[0] for axis in axes] * space.weights
+    sphere = 2.0 * max(steps)
+    phi = np.ma.MaskedArray(exact - sphere, ~np.isfinite(oracle.field))
+    periodic = [period > 0 for period in space.periods]
+    start = time.process_time()
+    solved = skfmm.distance(phi, dx=steps.tolist(), order=2, periodic=periodic)
+    took = time.process_time() - start
+    field = np.ma.filled(solved, np.nan) + sphere
+    if space.dimension == 3:  # close the circle for the interpolator
+        axes = (*axes[:2], np.append(axes[2], axes[2][0] + 2 * np.pi))
+        field = np.concatenate([field, field[..., :1]], axis=-1)
+    read = RegularGridInterpolator(axes, field, bounds_error=False)
+    return read(q), took
+
+
+def compare(space, goal, q, exact):
+    """One problem: relative errors and times of the oracle and its peer."""
+    start = time.process_time()
+    oracle = Oracle(space, goal, cache=False)
+    row = {"oracle ms": 1e3 * (time.process_time() - start)}
+    cost = oracle.cost_to_go(q)
+    row["oracle infinite"] = int(np.isinf(cost).sum())
+    row["oracle all %"] = 100 * float(np.mean(np.abs(cost / exact - 1)))
+    if skfmm is not None:
+        peer, took = peer_costs(oracle, q)
+        both = np.isfinite(peer) & np.isfinite(cost)
+        row["oracle %"] = 100 * float(np.mean(np.abs(cost / exact - 1)[both]))
+        row["scikit-fmm %"] = 100 * float(np.mean(np.abs(peer / exact - 1)[both]))
+        row["scikit-fmm ms"] = 1e3 * took
+    return row
+
+
+def accuracy(kind, problems):
+    """Mean errors and times over random problems of one kind."""
+    rows = []
+    for seed in range(problems):
+        rng = np.random.default_rng(seed)
+        if kind == "point, clutter":
+            obstacles, robot = clutter(rng), Robot.point()
+        else:
+            obstacles = wall(rng) if kind == "rectangle, passage" else cup(rng)
+            robot = Robot.rectangle(1.0, 0.4)
+        space = ConfigurationSpace(robot, Environment(BOUNDS, tuple(obstacles)))
+        q = space.sample(rng, 4000)
+        q = q[space.valid(q)]
+        goal, q = q[0], q[1:]
+        if space.dimension == 2:
+            exact = visibility_distances(obstacles, goal, q)
+        else:
+            fine = [4 * n for n in Oracle(space, goal, cache=False).resolution]
+            exact = Oracle(space, goal, resolution=fine, cache=False).cost_to_go(q)
+        reached = np.isfinite(exact) & (exact > 0.5)
+        rows.append(compare(space, goal, q[reached], exact[reached]))
+    mean = {key: float(np.mean([row[key] for row in rows])) for key in rows[0]}
+    return {
+        "kind": kind,
+        "problems": problems,
+        "oracle worst %": max(r["oracle all %"] for r in rows),
+        **mean,
+    }
+
+
+def timed(action, repeats):
+    """Median wall time of an action in seconds."""
+    times = []
+    for _ in range(repeats):
+        start = time.perf_counter()
+        action()
+        times.append(time.perf_counter() - start)
+    return float(np.median(times))
+
+
+def speed():
+    """A fresh problem, a cached one, one in memory, and queries; wall times."""
+    space = ConfigurationSpace(
+        Robot.rectangle(1.0, 0.4), Environment(BOUNDS, tuple(wall(np.random.default_rng(0))))
+    )
+    goal = np.array([9.0, 5.0, 0.0])
+    oracle = oracle_for(space, goal)
+    q = space.sample(np.random.default_rng(1), 20_000)
+    q = q[space.valid(q)]
+    cost_to_go_many(q, oracle.state)
+    one = q[0].copy()
+    cost_to_go_one(one, oracle.state)
+    return {
+        "fresh problem ms": 1e3 * timed(lambda: Oracle(space, goal, cache=False), 11),
+        "from the disk cache ms": 1e3 * timed(lambda: Oracle(space, goal), 51),
+        "from memory us": 1e6 * timed(lambda: oracle_for(space, goal), 101),
+        "query in a batch us": 1e6 * timed(lambda: cost_to_go_many(q, oracle.state), 11) / len(q),
+        "one query, compiled, called from Python us": 1e6
+        * timed(lambda: cost_to_go_one(one, oracle.state), 2001),
+        "one query, cost_to_go us": 1e6 * timed(lambda: oracle.cost_to_go(one), 2001),
+    }
+
+
+def main() -> int:
+    """Run the benchmark."""
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
+    parser.add_argument("--json", type=Path)
+    parser.add_argument("--problems", type=int, default=8, help="random problems of each kind")
+    options = parser.parse_args()
+    console = Console()
+    with tempfile.TemporaryDirectory() as folder:
+        os.environ["GUIDED_GYM_CACHE"] = folder
+        speeds = speed()
+        kinds = ("point, clutter", "rectangle, passage", "rectangle, cup")
+        results = [accuracy(kind, options.problems) for kind in kinds]
+    if skfmm is None:
+        console.print("scikit-fmm is not installed: no comparison")
+    table = Table("", *[row["kind"] for row in results])
+    for key in list(results[0])[1:]:
+        table.add_row(key, *[f"{row[key]:.3g}" for row in results])
+    console.print(table)
+    for name, value in speeds.items():
+        console.print(f"{name:45} {value:8.2f}")
+    if options.json:
+        options.json.write_text(json.dumps({"accuracy": results, "speed": speeds}, indent=1) + "\n")
+    return 0 if all(row["oracle all %"] <= 1.0 for row in results) else 1
+
+
+if __name__ == "__main__":
+    sys.exit(main())
