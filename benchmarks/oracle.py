@@ -2,7 +2,7 @@
 
     python benchmarks/oracle.py --json oracle.json
 
-Point robots among polygons are compared with the exact visibility-graph distance; the paper's rectangle, which
+Point robots among polygons are compared with the exact visibility-graph distance; the rectangle, which
 has no exact reference, with a solve at four times the default resolution. scikit-fmm (left out if it is not
 installed) gets the same poses and the same mask of free vertices, second order, and the exact distance to a
 small sphere around the goal as its start; it knows nothing of walls between vertices. It is interpolated
