@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Protocol
 
@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from guided_gym.efficiency import DEFAULT_TARGET, TargetParameters, jensen_shannon, sampling_efficiency
 from guided_gym.errors import InvalidInputError
+from guided_gym.kernels.extend import FAILED, GREW, REACHED, REACHED_TOLERANCE, attempt, grow_rrt
 from guided_gym.kernels.metric import separation
 from guided_gym.local_planner import DEFAULT_CANDIDATES, LocalPlanner
 from guided_gym.problems import Problem
@@ -117,6 +118,7 @@ class Search:
         self.options = options or SearchOptions()
         # Writable copies: the kernels would compile once more for read-only arrays.
         self.start, self.goal = problem.task.start.copy(), problem.task.goal.copy()
+        self._metric = (self.space.weights, self.space.periods)
         self.tree = SearchTree(self.space, self.start, capacity)
         self.planner = LocalPlanner(self.space, expansion_rng, self.options.step, self.options.candidates)
         self.guidance_rng = guidance_rng
@@ -153,29 +155,69 @@ class Search:
     def expand(self, node: int, target: NDArray[np.float64]) -> Expansion:
         """One sample: try the motion from ``node`` to ``target``, grow the tree or record the failure."""
         q = self.tree._configurations[node]
+        outcome, length, contact = attempt(
+            q, target, self.goal, self.options.goal_tolerance, self.space.geometry, self._metric
+        )
         self.samples += 1
-        self.collision_checks += 1
-        free = self.space.first_contact(q, target)
-        if free < 1.0:
-            contact = self.space.interpolate(q, target, free)
+        if outcome == FAILED:
+            self.collision_checks += 1
             self.tree.add_failure(node, target, contact)
             expansion = Expansion(node, target, NO_NODE, contact, False)
         else:
-            child = self.tree.add(target, node, separation(q, target, self.space.weights, self.space.periods))
+            self.collision_checks += 1 if outcome == REACHED_TOLERANCE else 2
+            child = self.tree.add(target, node, length)
             if self.options.rewire:
                 self._rewire(child)
-            self._try_goal(child)
+            if outcome != GREW:
+                self.goal_node = child
             expansion = Expansion(node, target, child, None, self.solved)
         self.last = expansion
         for listener in self.listeners:
             listener.feedback(expansion)
         return expansion
 
+    def extend_towards(self, samples: NDArray[np.float64]) -> NDArray[np.int32]:
+        """RRT's loop, compiled: the same as select, propose and expand for one sample after another.
+
+        For searches in which nobody listens and nothing is rewired. Stops when the goal is reached.
+
+        Args:
+            samples: (m, d) samples of C.
+
+        Returns:
+            (k, 2) selected node and new node (NO_NODE after a failure) of each of the k <= m samples used.
+        """
+        tree, options = self.tree, self.options
+        count = len(samples)
+        index = tree.index
+        index.reserve(count)
+        tree.reserve(count)
+        record = np.empty(count, np.int32), np.empty(count, np.int32)
+        used, outcome = grow_rrt(
+            samples,
+            (len(tree), tree.failure_count),
+            tree.node_arrays,
+            tree.failure_arrays,
+            index.state,
+            self.goal,
+            (self.planner.step, options.goal_tolerance),
+            self.space.geometry,
+            self._metric,
+            record,
+        )
+        rows = np.stack(record, axis=1)[:used]
+        grown = int(np.count_nonzero(rows[:, 1] != NO_NODE))
+        tree.grown(grown, used - grown)
+        self.samples += used
+        self.collision_checks += used + grown - (outcome == REACHED_TOLERANCE)
+        if outcome in (REACHED_TOLERANCE, REACHED):
+            self.goal_node = len(tree) - 1
+        return rows
+
     def _try_goal(self, node: int) -> None:
         q = self.tree._configurations[node]
-        near = self.options.goal_tolerance > 0 and (
-            separation(q, self.goal, self.space.weights, self.space.periods) <= self.options.goal_tolerance
-        )
+        tolerance = self.options.goal_tolerance
+        near = tolerance > 0 and separation(q, self.goal, *self._metric) <= tolerance
         if near or self.motion_free(q, self.goal):
             self.goal_node = node
 
@@ -309,10 +351,15 @@ def guided_search(
     propose = proposer(search, guidance, expansion)
     recorder = _Recorder(search, guidance, measure, distributions)
     began = time.perf_counter()
+    in_bursts = expansion is None and not distributions and not search.options.rewire
     while not search.solved and search.samples < max_samples:
-        node = guidance.select(search.tree)
-        recorder.before(node)
-        recorder.after(search.expand(node, propose(node)))
+        burst = guidance.burst(max_samples - search.samples) if in_bursts else None
+        if burst is not None:
+            recorder.take(burst)
+        else:
+            node = guidance.select(search.tree)
+            recorder.before(node)
+            recorder.after(search.expand(node, propose(node)))
         if progress is not None:
             progress(search.samples)
     seconds = time.perf_counter() - began - recorder.seconds
@@ -343,35 +390,48 @@ class _Recorder:
     def __init__(self, search: Search, guidance: GuidingSpace, measure: bool, distributions: bool) -> None:
         self._search, self._guidance = search, guidance
         self._measure, self._distributions = measure, distributions and measure
-        self._rows: list[Sequence[float]] = []
-        self._children: list[int] = []
+        self._blocks: list[NDArray[np.float64]] = []  # (k, 7) each, columns in the order of `Record`
+        self._rows: list[list[float]] = []  # not in a block yet
         self.seconds = 0.0
 
     def before(self, node: int) -> None:
-        if not self._measure:
-            self._rows.append((node, len(self._search.tree), np.nan, np.nan, np.nan, np.nan))
-            return
+        """The choice of ``node``, measured on the tree as it stands."""
         began = time.perf_counter()
-        tracker = self._search.tracker
-        efficiency, best = tracker.choice(node)
-        divergence = js = np.nan
-        if self._distributions:
-            p, q = self._guidance.distribution(self._search.tree), tracker.distribution()
-            divergence, js = sampling_efficiency(p, q), jensen_shannon(p, q)
-        self._rows.append((node, len(self._search.tree), efficiency, best, divergence, js))
+        row = [node, NO_NODE, len(self._search.tree), np.nan, np.nan, np.nan, np.nan]
+        if self._measure:
+            tracker = self._search.tracker
+            row[3], row[6] = tracker.choice(node)
+            if self._distributions:
+                p, q = self._guidance.distribution(self._search.tree), tracker.distribution()
+                row[4], row[5] = sampling_efficiency(p, q), jensen_shannon(p, q)
+        self._rows.append(row)
         self.seconds += time.perf_counter() - began
 
     def after(self, expansion: Expansion) -> None:
-        self._children.append(expansion.child)
+        """What became of it."""
+        self._rows[-1][1] = expansion.child
+
+    def take(self, burst: NDArray[np.int32]) -> None:
+        """Rows of a burst of samples: what each would have been measured at, in hindsight."""
+        began = time.perf_counter()
+        self._close_block()
+        grew = burst[:, 1] != NO_NODE
+        block = np.full((len(burst), 7), np.nan)
+        block[:, :2] = burst
+        block[:, 2] = len(self._search.tree) - int(grew.sum()) + np.cumsum(grew) - grew
+        if self._measure:
+            tracker = self._search.tracker
+            for row in block:
+                row[3], row[6] = tracker.choice(int(row[0]), int(row[2]))
+        self._blocks.append(block)
+        self.seconds += time.perf_counter() - began
+
+    def _close_block(self) -> None:
+        self._blocks.append(np.array(self._rows, np.float64).reshape(-1, 7))
+        self._rows = []
 
     def record(self) -> Record:
-        rows = np.array(self._rows, np.float64).reshape(-1, 6)
-        return Record(
-            selected=rows[:, 0].astype(np.int32),
-            child=np.array(self._children, np.int32),
-            nodes=rows[:, 1].astype(np.int32),
-            efficiency=rows[:, 2].copy(),
-            best=rows[:, 3].copy(),
-            divergence=rows[:, 4].copy(),
-            jensen_shannon=rows[:, 5].copy(),
-        )
+        """The rows so far."""
+        self._close_block()
+        columns = np.concatenate(self._blocks).T.copy()
+        return Record(*columns[:3].astype(np.int32), *columns[3:])

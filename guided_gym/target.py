@@ -78,10 +78,17 @@ class TargetTracker:
         tau = self.work_remaining
         return target(self.suboptimality, tau, self.optimum, self.parameters)
 
-    def choice(self, node: int) -> tuple[float, float]:
-        """(-log Q(node), -log max Q): SE of choosing ``node``, and the least that any choice could have."""
+    def choice(self, node: int, size: int | None = None) -> tuple[float, float]:
+        """(-log Q(node), -log max Q): SE of choosing ``node``, and the least that any choice could have.
+
+        Args:
+            node: The chosen node.
+            size: Number of nodes when the choice was made, if the tree has grown since (and was not rewired).
+        """
         self._update()
+        n = self._n if size is None else size
         if self.parameters.normalisation == "tree":
-            q = self.distribution()
+            delta = suboptimality(self._tree.cost_to_come[:n], self._tau[:n], self.optimum)
+            q = target(delta, self._tau[:n], self.optimum, self.parameters)
             return max(0.0, -float(np.log(q[node]))), -float(np.log(q.max()))
-        return choice_efficiency(self._energy, self._n, node, self.parameters.epsilon)
+        return choice_efficiency(self._energy, n, node, self.parameters.epsilon)

@@ -185,13 +185,39 @@ class SearchTree:
             stack.extend(order[v])
         self.rewirings += 1
 
+    @property
+    def node_arrays(self) -> tuple[NDArray, ...]:
+        """The node arrays with their spare rows, for kernels that append (see `reserve` and `grown`)."""
+        return tuple(getattr(self, name) for name in _NODE_ARRAYS)
+
+    @property
+    def failure_arrays(self) -> tuple[NDArray, ...]:
+        """The failure arrays with their spare rows, likewise."""
+        return tuple(getattr(self, name) for name in _FAILURE_ARRAYS)
+
+    def reserve(self, extra: int) -> None:
+        """Make room for that many more nodes and failures."""
+        while self._parents.size < self._n + extra:
+            self._grow_nodes()
+        while self._failed_nodes.size < self._failed + extra:
+            self._grow_failures()
+
+    def grown(self, nodes: int, failures: int) -> None:
+        """Take in the nodes and failures that a kernel has written behind the last ones."""
+        self._n += nodes
+        self._failed += failures
+
     def _grow_nodes(self) -> None:
-        for name in ("_configurations", "_parents", "_costs", "_depths", "_children", "_failures"):
+        for name in _NODE_ARRAYS:
             setattr(self, name, _doubled(getattr(self, name)))
 
     def _grow_failures(self) -> None:
-        for name in ("_failed_nodes", "_failed_targets", "_contacts"):
+        for name in _FAILURE_ARRAYS:
             setattr(self, name, _doubled(getattr(self, name)))
+
+
+_NODE_ARRAYS = ("_configurations", "_parents", "_costs", "_depths", "_children", "_failures")
+_FAILURE_ARRAYS = ("_failed_nodes", "_failed_targets", "_contacts")
 
 
 def _doubled(array: NDArray) -> NDArray:

@@ -63,6 +63,18 @@ class GuidingSpace(ABC):
     def feedback(self, expansion: Expansion) -> None:  # noqa: B027  a hook, like prepare
         """Learn from an expansion; called after the tree has changed. Nothing by default."""
 
+    def burst(self, limit: int) -> NDArray[np.int32] | None:
+        """Optionally, run many samples in one go: the same as so many selections, proposals and expansions.
+
+        Args:
+            limit: Most samples to take.
+
+        Returns:
+            (k, 2) selected node and new node of each sample, as `Search.extend_towards` gives them; None to
+            be asked sample by sample, as most guiding spaces are.
+        """
+        return None
+
     def forget(self) -> None:
         """Have h of all nodes computed anew: call it when the projection or the heuristic has changed."""
         self._known = np.zeros(0)

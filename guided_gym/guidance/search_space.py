@@ -78,6 +78,9 @@ class OracleGuidance(GuidingSpace):
         return np.where(self.space.valid(states), self._oracle.cost_to_go(states), np.inf)
 
 
+_BLOCK = 1024  # samples drawn at a time
+
+
 class Voronoi(GuidingSpace):
     """RRT: h is inversely proportional to the volume of a node's Voronoi cell.
 
@@ -113,7 +116,7 @@ class Voronoi(GuidingSpace):
         if self.goal_bias and self.rng.random() < self.goal_bias:
             return self.goal
         if self._next == len(self._buffer):
-            self._buffer, self._next = self.space.sample(self.rng, 256), 0
+            self._buffer, self._next = self.space.sample(self.rng, _BLOCK), 0
         self._next += 1
         return self._buffer[self._next - 1]
 
@@ -132,6 +135,17 @@ class Voronoi(GuidingSpace):
             self._sample = self._sample_of_cell(tree, node)
         self._selected = -1
         return self.planner.steer(tree._configurations[node], self._sample)
+
+    def burst(self, limit: int) -> NDArray[np.int32] | None:
+        """RRT's loop, compiled; only without a goal bias, and while nobody else listens to the search."""
+        if self.goal_bias or self.search.listeners != [self]:
+            return None
+        if self._next == len(self._buffer):
+            self._buffer, self._next = self.space.sample(self.rng, _BLOCK), 0
+        samples = self._buffer[self._next : self._next + limit]
+        rows = self.search.extend_towards(samples)
+        self._next += len(rows)
+        return rows
 
     def _sample_of_cell(self, tree: SearchTree, node: int) -> NDArray[np.float64]:
         for _ in range(32):

@@ -29,6 +29,18 @@ def separation(a: Floats, b: Floats, weights: Floats, periods: Floats) -> float:
 
 
 @njit(cache=True)
+def interpolate(a: Floats, b: Floats, t: float, periods: Floats) -> Floats:
+    """The configuration at fraction ``t`` of the straight motion from ``a`` to ``b``; (d,) float64.
+
+    Periodic coordinates come back in [-period / 2, period / 2).
+    """
+    out = np.empty(a.size)
+    for i in range(a.size):
+        out[i] = shortest(a[i] + t * shortest(b[i] - a[i], periods[i]), periods[i])
+    return out
+
+
+@njit(cache=True)
 def steer(
     a: Floats,
     b: Floats,
@@ -40,12 +52,8 @@ def steer(
 
     Periodic coordinates come back in [-period / 2, period / 2).
     """
-    out = np.empty(a.size)
     length = separation(a, b, weights, periods)
-    t = 1.0 if length <= step else step / length
-    for i in range(a.size):
-        out[i] = shortest(a[i] + t * shortest(b[i] - a[i], periods[i]), periods[i])
-    return out
+    return interpolate(a, b, 1.0 if length <= step else step / length, periods)
 
 
 @njit(cache=True)
