@@ -1,0 +1,109 @@
+"""Draw the pictures of the README and of these pages: ``python docs/make_images.py``.
+
+Run it again when the problems, the guiding spaces or the looks of the figures have changed, and look at what
+it wrote. Needs pygame (``pip install '.[render]'``) for the frames of the environment.
+"""
+
+from __future__ import annotations
+
+import tempfile
+from pathlib import Path
+
+from matplotlib.figure import Figure
+from PIL import Image
+
+from guided_gym import GuidingSpace, Problem, Search, make_guidance
+from guided_gym.envs import distribution_names, make_distribution
+from guided_gym.envs.rendering import Renderer
+from guided_gym.search import proposer, streams
+from guided_gym.train import build_path_database, figures
+from guided_gym.train.specs import problem_of
+
+IMAGES = Path(__file__).parent / "images"
+DOTS_PER_INCH = 150
+FINE_LINES = {"prm": 100, "lazy_prm": 100, "path_database": 100, "hybrid": 90}  # or their files get large
+PATHS = 1000
+MAX_SAMPLES = 1000
+
+# Guiding space, the problem that it is shown on, the seed, and how much of the search: the page's pictures
+# are taken while there is something to learn.
+SHOWN = (
+    ("uninformed", "SimplePassage", 3, 400),
+    ("goal_distance", "Cup", 3, MAX_SAMPLES),
+    ("oracle", "TrapCup", 3, MAX_SAMPLES),
+    ("rrt", "SimplePassage", 3, MAX_SAMPLES),
+    ("prm", "SimplePassage", 3, MAX_SAMPLES),
+    ("lazy_prm", "Cup", 3, MAX_SAMPLES),
+    ("medial_axis", "Trap", 3, MAX_SAMPLES),
+    ("path_database", "RandomSimplePassage", 3, MAX_SAMPLES),
+    ("hybrid", "TrapCup", 3, MAX_SAMPLES),
+)
+COMPARED = ("lazy_prm", "medial_axis", "hybrid")
+README_SEED = 3
+
+
+def searched(problem: Problem, guidance: GuidingSpace, seed: int, samples: int = MAX_SAMPLES) -> Search:
+    """A search as `guided_search` does it, kept whole for the renderer."""
+    _, expansion_rng, guidance_rng = streams(seed)
+    search = Search(problem, expansion_rng, guidance_rng)
+    search.attach(guidance)
+    propose = proposer(search, guidance, None)
+    while not search.solved and search.samples < samples:
+        node = guidance.select(search.tree)
+        search.expand(node, propose(node))
+    return search
+
+
+def save(figure: Figure, name: str, dots_per_inch: int = DOTS_PER_INCH) -> None:
+    """Write a figure as PNG."""
+    figure.savefig(IMAGES / f"{name}.png", dpi=dots_per_inch, metadata={"Software": None})
+    print(name)
+
+
+def draw_problems() -> None:
+    """The catalogue in a row, and each problem by itself."""
+    problems = [make_distribution(name).problem(0) for name in distribution_names()]
+    save(figures.environments(problems), "environments")
+    for problem in problems:
+        save(figures.environments([problem]), f"environment-{problem.name}")
+
+
+def draw_trap_cup() -> None:
+    """The README's picture: a hybrid's search; and the three searches of the paper's figure."""
+    problem = make_distribution("TrapCup").problem(0)
+    hybrid = searched(problem, make_guidance("hybrid"), README_SEED)
+    Image.fromarray(Renderer(size=960).frame(hybrid)).save(IMAGES / "trapcup.png", optimize=True)
+    items = []
+    for name in COMPARED:
+        search = searched(problem, make_guidance(name), README_SEED)
+        items.append((f"{figures.label_of(name)}, {search.samples} samples", search, problem))
+    save(figures.search_trees(items), "trapcup-trees")
+
+
+def draw_guiding_spaces(folder: Path) -> None:
+    """What guides, after a search, and the tree that it guided."""
+    database = folder / "paths.sqlite"
+    build_path_database("RandomSimplePassage", database, PATHS)
+    for name, environment, seed, samples in SHOWN:
+        options = {"database": database} if name == "path_database" else {}
+        guidance = make_guidance(name, **options)
+        problem = problem_of(make_distribution(environment), seed)
+        search = searched(problem, guidance, seed, samples)
+        label = figures.label_of(name)
+        figure = figures.guiding_space(guidance, search, title=f"{label}: what guides")
+        save(figure, f"guiding-{name}", FINE_LINES.get(name, DOTS_PER_INCH))
+        title = f"{label} on {environment}, {search.samples} samples"
+        save(figures.search_tree(search, problem, title=title), f"tree-{name}")
+
+
+def main() -> None:
+    """Draw everything."""
+    IMAGES.mkdir(exist_ok=True)
+    draw_problems()
+    draw_trap_cup()
+    with tempfile.TemporaryDirectory() as folder:
+        draw_guiding_spaces(Path(folder))
+
+
+if __name__ == "__main__":
+    main()
