@@ -113,6 +113,9 @@ def evaluate(
     epsilon: Annotated[float, typer.Option(help="Least probability of a node under the target.")] = 1e-4,
     delta: Annotated[float, typer.Option(help="Temperature of the suboptimality.")] = 0.1,
     tau: Annotated[float, typer.Option(help="Temperature of the work remaining.")] = 0.1,
+    distributions: Annotated[
+        bool, typer.Option("--distributions", help="Measure each guidance's whole distribution too (slow).")
+    ] = False,
     database: Annotated[Path | None, typer.Option(help="Path database for path_database.")] = None,
     figures: Figures = True,
     imports: Imports = None,
@@ -123,7 +126,12 @@ def evaluate(
     from guided_gym.train.specs import EvaluationSettings
 
     settings = EvaluationSettings(
-        max_samples, expansion, step, candidates, target=TargetParameters(delta, tau, epsilon)
+        max_samples=max_samples,
+        expansion=expansion,
+        step=step,
+        candidates=candidates,
+        target=TargetParameters(delta, tau, epsilon),
+        distributions=distributions,
     )
     names, guidances = _words(env), _words(guidance)
     folder = out or Path("results") / "+".join(names)

@@ -104,7 +104,7 @@ def evaluate(
         NoPathError: A problem has no path.
     """
     import_modules(imports)
-    names = [environments] if isinstance(environments, str) else list(environments)
+    names = [environments] if isinstance(environments, str) else list(dict.fromkeys(environments))
     specs = as_specs(guidances, database)
     settings = settings or EvaluationSettings()
     plans = [Plan(name, spec, settings) for name in names for spec in specs]
@@ -133,6 +133,8 @@ def run_plans(
         done, total = len(groups) * len(wanted) - missing, len(groups) * len(wanted)
         if progress is not None:
             progress(done, total)
+        if workers > 1 and batches:
+            _compile_here([group.plan for group in groups], wanted[0])
         prepare = partial(import_modules, tuple(imports))
         for runs in map_tasks(_run_batch, batches, workers if missing else 1, prepare):
             file.add(runs)
@@ -197,6 +199,7 @@ def run_once(plan: Plan, seed: int) -> tuple[Problem, SearchResult]:
         max_samples=plan.settings.max_samples,
         expansion=plan.settings.expansion,
         options=plan.settings.search_options(),
+        distributions=plan.settings.distributions,
     )
     return problem, result
 
@@ -245,6 +248,10 @@ def _stored(file: ResultsFile, group: _Group, seeds: Sequence[int]) -> list[Run]
     return file.runs(group.plan.environment, group.plan.spec.label, group.fingerprint, seeds)
 
 
+def _mean(values: NDArray[np.float64]) -> float:
+    return float(values.mean()) if values.size else np.nan
+
+
 _warm: set[tuple[str, GuidanceSpec]] = set()
 
 
@@ -274,6 +281,8 @@ def _run(group: _Group, seed: int) -> Run:
         seconds=result.seconds,
         path_cost=path_cost,
         optimum=_optimum(problem),
+        divergence=_mean(result.record.divergence),
+        jensen_shannon=_mean(result.record.jensen_shannon),
         regions=region_sums(problem, result),
         curve=efficiency.astype(np.float32),
     )
@@ -285,6 +294,12 @@ def _warm_up(plan: Plan, seed: int) -> None:
         _warm.add((plan.environment, plan.spec))
         short = EvaluationSettings(**{**vars(plan.settings), "max_samples": _WARM_UP_SAMPLES})
         run_once(Plan(plan.environment, plan.spec, short), seed)
+
+
+def _compile_here(plans: Sequence[Plan], seed: int) -> None:
+    """Compile before there are workers: each of them would compile the same, and say so."""
+    for plan in {plan.spec.name: plan for plan in plans}.values():
+        _warm_up(plan, seed)
 
 
 def _optimum(problem: Problem) -> float:

@@ -95,6 +95,8 @@ def build_path_database(
         raise InvalidInputError(f"seed: expected an integer in [0, 2**62), got {offset!r}")
     header = DatabaseHeader.for_space(environment, distribution.problem(offset).space)
     solve = partial(solve_path, environment, offset, imports)
+    if workers > 1:
+        solve(0)  # compiles before there are workers: each of them would compile the same
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
     except OSError as error:

@@ -23,12 +23,13 @@ from guided_gym.errors import InvalidInputError, StorageError
 from guided_gym.sqlite_file import FileFormat, connect, storage_errors, transaction
 
 RESULTS_VERSION = 1  # raise it when a column changes its meaning: older rows are computed anew
+_FILE_VERSION = 1  # raise it when the columns change: older files are refused
 RESULTS_FILE = "results.sqlite"
 
 _FORMAT = FileFormat(
     name="guided-gym results file",
     application_id=0x47475253,  # "GGRS"
-    version=RESULTS_VERSION,
+    version=_FILE_VERSION,
     schema=(
         # What a settings fingerprint stands for, for people.
         "CREATE TABLE settings (fingerprint TEXT PRIMARY KEY, content TEXT NOT NULL)",
@@ -47,6 +48,8 @@ _FORMAT = FileFormat(
             seconds REAL NOT NULL,
             path_cost REAL,
             optimum REAL NOT NULL,
+            divergence REAL,
+            jensen_shannon REAL,
             regions TEXT NOT NULL,
             curve BLOB NOT NULL,
             checksum INTEGER NOT NULL,
@@ -70,6 +73,8 @@ Column = Literal[
     "seconds_per_sample",
     "path_cost",
     "optimum",
+    "divergence",
+    "jensen_shannon",
 ]
 
 
@@ -91,6 +96,9 @@ class Run:
         seconds: Wall time of the search, oracle and metric excluded.
         path_cost: Length of the path found, NaN where unsolved.
         optimum: d_C(s, t) by the oracle.
+        divergence: Mean over the samples of D_KL(P || Q) of the guidance's whole distribution, NaN if it was
+            not asked for.
+        jensen_shannon: Mean over the samples of D_JS(P || Q), likewise.
         regions: Region of the selected node to (sum of SE, samples).
         curve: (samples,) float32 SE of each sample.
     """
@@ -108,6 +116,8 @@ class Run:
     seconds: float
     path_cost: float
     optimum: float
+    divergence: float
+    jensen_shannon: float
     regions: Mapping[str, tuple[float, int]]
     curve: NDArray[np.float32] = field(repr=False)
 
@@ -271,7 +281,7 @@ class ResultsFile:
             )
         values = dict(zip(_COLUMNS[:-1], row[:-1], strict=True))
         values["solved"] = bool(values["solved"])
-        values["path_cost"] = math.nan if values["path_cost"] is None else values["path_cost"]
+        values |= {name: math.nan for name in _MAY_BE_NAN if values[name] is None}
         values["regions"] = {
             name: (float(total), int(count)) for name, (total, count) in json.loads(values["regions"]).items()
         }
@@ -293,16 +303,19 @@ _COLUMNS = (
     "seconds",
     "path_cost",
     "optimum",
+    "divergence",
+    "jensen_shannon",
     "regions",
     "curve",
     "checksum",
 )
+_MAY_BE_NAN = ("path_cost", "divergence", "jensen_shannon")
 
 
 def _row(run: Run) -> tuple[Any, ...]:
     values = {name: getattr(run, name) for name in _COLUMNS[:-1]}
     values["solved"] = int(run.solved)
-    values["path_cost"] = None if math.isnan(run.path_cost) else run.path_cost
+    values |= {name: None for name in _MAY_BE_NAN if math.isnan(values[name])}  # SQLite has no NaN
     values["regions"] = json.dumps({name: list(pair) for name, pair in run.regions.items()})
     values["curve"] = run.curve.astype("<f4").tobytes()
     row = tuple(values.values())

@@ -116,6 +116,7 @@ class EvaluationSettings:
         goal_tolerance: Distance to the goal that counts as having reached it.
         rewire: Whether new nodes rewire the tree.
         target: Parameters of the target distribution Q.
+        distributions: Whether to measure D_KL and D_JS of each guidance's whole distribution P too.
     """
 
     max_samples: int = 1000
@@ -125,6 +126,7 @@ class EvaluationSettings:
     goal_tolerance: float = 0.0
     rewire: bool = False
     target: TargetParameters = field(default_factory=TargetParameters)
+    distributions: bool = False
 
     def __post_init__(self) -> None:
         if self.max_samples < 1:

@@ -52,6 +52,12 @@ MEASURES = (
     Measure("seconds", "wall time\nms", "seconds", "mean", 1000.0),
 )
 
+# Shown where they were asked for.
+DISTRIBUTION_MEASURES = (
+    Measure("divergence", "D_KL(P‖Q)\nnats", "divergence", "mean"),
+    Measure("jensen_shannon", "D_JS(P‖Q)\nnats", "jensen_shannon", "mean"),
+)
+
 
 @dataclass(frozen=True)
 class Row:
@@ -85,20 +91,19 @@ class Row:
 
 def summarise(results: Results) -> list[Row]:
     """One row per (environment, guidance), in the order of the results."""
-    return [
-        Row(
-            environment,
-            guidance,
-            len(results.group(environment, guidance)),
-            {
-                measure.key: bootstrap(
-                    results.values(environment, guidance, measure.column), measure.statistic
-                )
-                for measure in MEASURES
-            },
-        )
-        for environment, guidance in results.pairs()
-    ]
+    measures = [*MEASURES, *(DISTRIBUTION_MEASURES if _has_distributions(results) else ())]
+    rows = []
+    for pair in results.pairs():
+        figures = {
+            measure.key: bootstrap(results.values(*pair, measure.column), measure.statistic)
+            for measure in measures
+        }
+        rows.append(Row(*pair, len(results.group(*pair)), figures))
+    return rows
+
+
+def _has_distributions(results: Results) -> bool:
+    return any(math.isfinite(run.divergence) for run in results.runs)
 
 
 def rich_tables(rows: list[Row]) -> list[Table]:
@@ -116,10 +121,11 @@ def rich_tables(rows: list[Row]) -> list[Table]:
             caption_justify="left", box=box.SIMPLE_HEAD, pad_edge=False,
         )  # fmt: skip
         table.add_column("guidance", overflow="fold")
-        for measure in MEASURES:
+        measures = [one for one in (*MEASURES, *DISTRIBUTION_MEASURES) if one.key in chosen[0].figures]
+        for measure in measures:
             table.add_column(measure.title, justify="right")
         for row in chosen:
-            table.add_row(row.guidance, *(_cell(row.figures[measure.key], measure) for measure in MEASURES))
+            table.add_row(row.guidance, *(_cell(row.figures[measure.key], measure) for measure in measures))
         tables.append(table)
     return tables
 

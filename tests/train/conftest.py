@@ -32,6 +32,8 @@ def synthetic_run(
         "seconds": 1e-3 * samples,
         "path_cost": 10.0 if solved else float("nan"),
         "optimum": 9.0,
+        "divergence": float("nan"),
+        "jensen_shannon": float("nan"),
         "curve": np.full(samples, efficiency, np.float32),
     }
     values |= changes

@@ -21,6 +21,7 @@ from guided_gym.train import evaluation
 from guided_gym.train.evaluation import ELSEWHERE, evaluate, region_sums, run_once
 from guided_gym.train.results import RESULTS_FILE, Results, ResultsFile, Run
 from guided_gym.train.specs import EvaluationSettings, GuidanceSpec, problem_of
+from guided_gym.train.table import summarise
 
 SHORT = EvaluationSettings(max_samples=60)
 
@@ -104,6 +105,29 @@ def test_workers__change_nothing_but_the_clock() -> None:
         for n in (1, 2)
     )
     assert list(map(figures, alone.runs)) == list(map(figures, together.runs))
+
+
+def test_distributions__are_measured_on_request() -> None:
+    plain = evaluate("Cup", "rrt", seeds=2, settings=SHORT)
+    whole = evaluate(
+        "Cup",
+        ["rrt", "goal_distance"],
+        seeds=2,
+        settings=EvaluationSettings(max_samples=60, distributions=True),
+    )
+    assert np.isnan(plain.values("Cup", "rrt", "divergence")).all()
+    np.testing.assert_array_equal(
+        plain.values("Cup", "rrt", "total_efficiency"), whole.values("Cup", "rrt", "total_efficiency")
+    )
+    # Where P is one-hot, D_KL(P || Q) is the choice's SE; D_JS is at most log 2.
+    np.testing.assert_allclose(
+        whole.values("Cup", "goal_distance", "divergence"),
+        whole.values("Cup", "goal_distance", "efficiency_per_sample"),
+        rtol=1e-6,
+    )
+    assert (whole.values("Cup", "rrt", "jensen_shannon") < np.log(2)).all()
+    assert {"divergence", "jensen_shannon"} <= set(summarise(whole)[0].figures)
+    assert "divergence" not in summarise(plain)[0].figures
 
 
 def test_options__are_part_of_a_guidance() -> None:
