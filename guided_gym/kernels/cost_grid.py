@@ -48,7 +48,9 @@ SEES_GOAL = 16
 """Link bit: the straight motion to the goal is free, and the distance exact."""
 
 LENT = 0.35
-"""Part of a link that must be free for its far end to be lent (tuned for no bias, benchmarks/oracle.py)."""
+"""Part of a link that must be free for its far end to be lent. Among random polygons, mean errors on a grid
+of
+64 x 64 were 0.70, 0.66, 0.64 and 0.68 % with 0.05, 0.2, 0.35 and 0.5, and 0.88 % with nothing lent."""
 
 _OUTSIDE, _BLOCKED, _MIXED, _TURNS, _OPEN = 0, 1, 2, 3, 4
 

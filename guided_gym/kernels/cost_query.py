@@ -44,6 +44,7 @@ _WIDEST = 3
 _HOPS = 8
 """Straight motions by which a pose that reaches no vertex may first move to where there is more room."""
 _OPEN_CELL = 128
+"""Bit that no link has: all edges of a cell are links."""
 
 
 @njit(cache=True)

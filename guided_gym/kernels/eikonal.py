@@ -1,8 +1,8 @@
 """The eikonal equation |grad u| = 1 on a grid over (x, y, theta), periodic in theta, solved in one pass.
 
 Fast marching with second-order upwind differences. The vertices wait in buckets of equal width instead of a
-heap: a vertex may be accepted up to one bucket too early, which at a tenth of the spacing costs nothing
-measurable and halves the time (benchmarks/oracle.py).
+heap: a vertex may be accepted up to one bucket too early, which at a tenth of the spacing changed no digit
+that matters (mean error 0.0040 of a room of 10 either way, 131,072 vertices) and took 49 ms, not 79.
 
 Layout. Fields are flat, index = (column * columns_y + row) * n_angles + angle, where the outermost
 `PAD` columns and rows are never valid, so that stencils need no bounds checks. `links` says which neighbours
