@@ -91,7 +91,7 @@ def _paper_figures(results: Results, plans: Sequence[Plan]) -> Named:
         ("medial_axis", ("Trap", "SimplePassage")),
     ):
         series = {problem: results.curves(problem, guidance) for problem in problems}
-        title = f"{guidance} on {', '.join(problems)}" if len(problems) < len(PROBLEMS) else guidance
+        title = figures.label_of(guidance)
         yield (
             f"{guidance}-efficiency",
             figures.efficiency_over_samples(series, title=title, window=SMOOTHING),
@@ -140,7 +140,7 @@ def _database_figure(results: Results) -> Figure:
 
 def _example(plan: Plan, seed: int, full: bool = False) -> _Example:
     problem, result = run_once(plan, seed)
-    label = figures.label_of(plan.spec.label)
+    label = figures.label_of(plan.spec.name if full else plan.spec.label)
     return _Example(f"{label} on {plan.environment}" if full else label, made(plan.spec), problem, result)
 
 
