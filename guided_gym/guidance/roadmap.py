@@ -60,6 +60,7 @@ class Roadmap:
 
     def __init__(self, points: NDArray[np.float64], graph: RoadmapGraph, goal: int) -> None:
         self.points, self.edges, self.lengths, self.goal = points, graph.edges, graph.lengths, goal
+        self._graph = graph
         self.multipliers = np.ones(len(graph.edges))
         self.tree = ShortestPathTree.of(graph, goal)
 
@@ -80,8 +81,8 @@ class Roadmap:
 
     def remove_vertices(self, vertices: NDArray[np.int64]) -> None:
         """Remove some vertices with all their edges."""
-        self.multipliers[np.isin(self.edges, vertices).any(axis=1)] = np.inf
-        self.tree.remove_vertices(vertices)
+        indptr, edge_of = self._graph.indptr, self._graph.edge_of
+        self.remove(np.concatenate([edge_of[indptr[v] : indptr[v + 1]] for v in vertices]))
 
     def graph(self) -> nx.Graph:
         """The roadmap as it stands, as a networkx graph: ``pos`` per vertex, ``weight`` per edge."""

@@ -1,0 +1,214 @@
+"""Speed of guided search: RRT beside OMPL's, failed expansions beside a full Dijkstra, cost as the tree grows.
+
+    python benchmarks/search.py --json search.json
+
+OMPL's RRT is called from Python with the same compiled pose check, the same step and the same world, in which
+the goal is walled in, so that neither finds it. The two take turns; the ratio is taken turn by turn, of the
+processor's time. OMPL checks motions at its usual 1 % of the extent; how many of its edges are not free is
+counted with the certified check. Without `ompl` (extra `[bench]`) that part is left out.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import time
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from rich.console import Console
+from rich.table import Table
+from scipy.sparse import csr_array
+from scipy.sparse.csgraph import dijkstra
+from shapely.geometry import box
+
+from guided_gym.environment import Environment
+from guided_gym.envs.catalogue import cup, make_distribution, rectangle_robot, wall
+from guided_gym.guidance import LazyPRM, MedialAxis, make_guidance
+from guided_gym.kernels.collision import pose_free
+from guided_gym.problems import Problem, Task
+from guided_gym.search import Search, guided_search, streams
+
+
+def walled_in() -> Problem:
+    """Two rooms and a passage; nobody gets to the goal."""
+    closed = [*cup(7.0, 9.6, 6.8, 9.2, 0.2), box(7.0, 7.0, 7.2, 9.0)]
+    environment = Environment((0, 0, 10, 10), (*wall(4.7, 5.3, (5.0, 0.9)), *closed))
+    return Problem(rectangle_robot(), environment, Task((1.5, 2, 0), (8.5, 8, 0)), "walled in")
+
+
+def ours(problem: Problem, samples: int, seed: int) -> float:
+    """Nodes a second of RRT in `guided_search`, certified motions and goal tests included."""
+    began = time.process_time()
+    result = guided_search(problem, "rrt", seed=seed, max_samples=samples, measure=False)
+    return len(result.tree) / (time.process_time() - began)
+
+
+def theirs(problem: Problem, samples: int, seed: int) -> tuple[float, float]:
+    """Nodes a second of OMPL's RRT, and the share of its edges that are not free."""
+    from ompl import base, geometric, util
+
+    util.setLogLevel(util.LOG_NONE)
+    space, step = problem.space, 0.05 * problem.space.extent
+    se2, bounds = base.SE2StateSpace(), base.RealVectorBounds(2)
+    bounds.setLow(0)
+    bounds.setHigh(10)
+    se2.setBounds(bounds)
+    se2.setSubspaceWeight(1, float(space.weights[2]))
+    q, geometry = np.zeros(3), space.geometry
+
+    def valid(state: Any) -> bool:
+        q[0], q[1], q[2] = state.getX(), state.getY(), state.getYaw()
+        return pose_free(q, geometry)
+
+    setup = geometric.SimpleSetup(se2)
+    setup.setStateValidityChecker(valid)
+    ends = []
+    for x, y, theta in (problem.task.start, problem.task.goal):
+        state = se2.allocState()
+        state.setX(x)
+        state.setY(y)
+        state.setYaw(theta)
+        ends.append(state)
+    setup.setStartAndGoalStates(*ends)
+    planner = geometric.RRT(setup.getSpaceInformation())
+    planner.setRange(step)
+    planner.setGoalBias(0.0)
+    setup.setPlanner(planner)
+    setup.setup()
+    calls = 0
+
+    def enough() -> bool:
+        nonlocal calls
+        calls += 1
+        return calls > samples
+
+    began = time.process_time()
+    setup.solve(base.PlannerTerminationCondition(enough))
+    seconds = time.process_time() - began
+    data = base.PlannerData(setup.getSpaceInformation())
+    planner.getPlannerData(data)
+    return data.numVertices() / seconds, colliding(problem, data)
+
+
+def colliding(problem: Problem, data: Any) -> float:
+    """Share of the edges of a planner's data whose motion is not free."""
+
+    def pose(vertex: Any) -> list[float]:
+        state = data.getVertex(vertex).getState()
+        return [state.getX(), state.getY(), state.getYaw()]
+
+    pairs = []
+    for i in range(data.numVertices()):
+        pairs += [(pose(i), pose(j)) for j in data.getEdges(i)]
+    starts, ends = np.array(pairs).transpose(1, 0, 2)
+    return float(np.mean(~problem.space.motions_free(starts.copy(), ends.copy())))
+
+
+def against_ompl(samples: int, turns: int) -> dict[str, Any]:
+    """Both planners in turn."""
+    problem = walled_in()
+    ours(problem, 2000, 0)
+    theirs(problem, 100, 0)
+    rows = [(ours(problem, samples, k), *theirs(problem, samples, k)) for k in range(turns)]
+    mine, peer, share = np.array(rows).T
+    return {
+        "nodes_per_second": float(np.median(mine)),
+        "ompl_nodes_per_second": float(np.median(peer)),
+        "ratio_median": float(np.median(mine / peer)),
+        "ratio_min": float(np.min(mine / peer)),
+        "ompl_edges_not_free": float(share.mean()),
+    }
+
+
+def growth(guidance: str, sizes: tuple[int, ...], window: int) -> dict[str, float]:
+    """Microseconds a sample when the tree has about each of the given sizes."""
+    problem = walled_in()
+    _, expansion_rng, guidance_rng = streams(0)
+    search = Search(problem, expansion_rng, guidance_rng)
+    guide = make_guidance(guidance)
+    search.attach(guide)
+    rng, out = np.random.default_rng(1), {}
+    for size in sizes:
+        while len(search.tree) < size:
+            search.extend_towards(search.space.sample(rng, 1024))
+        guide.forget()
+        guide.select(search.tree)
+        began = time.process_time()
+        for _ in range(window):
+            rows = guide.burst(window) if guidance == "rrt" else None
+            if rows is not None:
+                break
+            node = guide.select(search.tree)
+            search.expand(node, guide.propose(search.tree, node))
+        count = window if rows is None else len(rows)
+        out[str(size)] = (time.process_time() - began) / count * 1e6
+    return out
+
+
+def failed_expansions(guide: LazyPRM | MedialAxis, name: str, seeds: int) -> dict[str, float]:
+    """Microseconds that a guiding space takes to learn from a failed expansion, on a catalogue problem."""
+    problem = make_distribution(name).problem(0)
+    times: list[float] = []
+    full: list[float] = []
+    for seed in range(seeds):
+        _, expansion_rng, guidance_rng = streams(seed)
+        search = Search(problem, expansion_rng, guidance_rng)
+        guide.reset(search)
+        while not search.solved and search.samples < 1000:
+            node = guide.select(search.tree)
+            expansion = search.expand(node, guide.propose(search.tree, node))
+            began = time.perf_counter()
+            guide.feedback(expansion)
+            if expansion.failed:
+                times.append(time.perf_counter() - began)
+        full.append(full_dijkstra(guide))
+    return {
+        "failures": len(times),
+        "mean_us": float(np.mean(times[5:])) * 1e6,
+        "median_us": float(np.median(times)) * 1e6,
+        "full_dijkstra_us": float(np.median(full)) * 1e6,
+    }
+
+
+def full_dijkstra(guide: LazyPRM | MedialAxis) -> float:
+    """Seconds that scipy's Dijkstra takes on the roadmap as it stands."""
+    roadmap = guide.roadmap
+    alive = np.isfinite(roadmap.multipliers)
+    a, b = roadmap.edges[alive].T
+    weights, n = (roadmap.lengths * roadmap.multipliers)[alive], len(roadmap.points)
+    graph = csr_array((weights, (a, b)), shape=(n, n))
+    began = time.perf_counter()
+    dijkstra(graph, directed=False, indices=roadmap.goal)
+    return time.perf_counter() - began
+
+
+def main() -> None:
+    """Measure, print, and write JSON if asked to."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawTextHelpFormatter)
+    parser.add_argument("--json", type=Path)
+    parser.add_argument("--samples", type=int, default=20_000)
+    parser.add_argument("--turns", type=int, default=5)
+    options = parser.parse_args()
+    results: dict[str, Any] = {}
+    try:
+        results["rrt against OMPL"] = against_ompl(options.samples, options.turns)
+    except ImportError:
+        Console().print("ompl is not installed: that part is left out (pip install 'guided-gym[bench]')")
+    results["us a sample, rrt"] = growth("rrt", (1_000, 10_000, 50_000), 1000)
+    for name in ("goal_distance", "lazy_prm", "medial_axis"):
+        results[f"us a sample, {name}"] = growth(name, (1_000, 10_000, 50_000), 50)
+    results["lazy_prm, failed expansion"] = failed_expansions(LazyPRM(), "Cup", 8)
+    results["medial_axis, failed expansion"] = failed_expansions(MedialAxis(), "Trap", 8)
+    table = Table("what", "figure", "value")
+    for what, figures in results.items():
+        for figure, value in figures.items():
+            table.add_row(what, figure, f"{value:.4g}")
+    Console().print(table)
+    if options.json:
+        options.json.write_text(json.dumps(results, indent=2))
+
+
+if __name__ == "__main__":
+    main()
