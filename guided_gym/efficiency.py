@@ -58,7 +58,8 @@ def target(
     Args:
         delta: (n,) suboptimality of each node, a length.
         tau: (n,) work remaining at each node, a length; infinite where the goal cannot be reached.
-        scale: d_C(s, t), the length that both are divided by (normalisation ``"start"``).
+        scale: d_C(s, t), the length that both are divided by (normalisation ``"start"``); nothing is
+            divided where it is 0.
         parameters: Temperatures, smoothing and normalisation.
 
     Returns:
@@ -68,7 +69,7 @@ def target(
     if parameters.normalisation == "tree":
         energy = _over_largest(delta) / parameters.delta + _over_largest(tau) / parameters.tau
     else:
-        energy = (delta / parameters.delta + tau / parameters.tau) / scale
+        energy = (delta / parameters.delta + tau / parameters.tau) / (scale or 1.0)
     return smooth(np.exp(np.min(energy) - energy), parameters.epsilon)
 
 
@@ -102,12 +103,22 @@ def sampling_efficiency(p: ArrayLike, q: ArrayLike) -> float:
     Args:
         p: (n,) the guiding space's distribution P over the tree.
         q: (n,) the target Q.
+
+    Raises:
+        InvalidInputError: The two are over different numbers of nodes.
     """
-    p, q = np.asarray(p, np.float64), np.asarray(q, np.float64)
+    p, q = _paired(p, q)
     support = p > 0
     with np.errstate(divide="ignore"):
         divergence = float(np.sum(p[support] * (np.log(p[support]) - np.log(q[support]))))
     return max(divergence, 0.0)
+
+
+def _paired(p: ArrayLike, q: ArrayLike) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    p, q = np.asarray(p, np.float64), np.asarray(q, np.float64)
+    if p.shape != q.shape or p.ndim != 1:
+        raise InvalidInputError(f"expected P and Q over the same nodes, got shapes {p.shape} and {q.shape}")
+    return p, q
 
 
 def choice_efficiency(q: NDArray[np.float64], node: int) -> float:
@@ -118,7 +129,7 @@ def choice_efficiency(q: NDArray[np.float64], node: int) -> float:
 
 def jensen_shannon(p: ArrayLike, q: ArrayLike) -> float:
     """D_JS(P || Q), between 0 and log 2; same arguments as `sampling_efficiency`."""
-    p, q = np.asarray(p, np.float64), np.asarray(q, np.float64)
+    p, q = _paired(p, q)
     m = (p + q) / 2
     return min(0.5 * (sampling_efficiency(p, m) + sampling_efficiency(q, m)), float(np.log(2)))
 

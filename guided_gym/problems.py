@@ -35,7 +35,10 @@ class Task:
 
     def __init__(self, start: ArrayLike, goal: ArrayLike) -> None:
         for name, value in (("start", start), ("goal", goal)):
-            array = np.array(value, dtype=np.float64)
+            try:
+                array = np.array(value, dtype=np.float64)
+            except (TypeError, ValueError) as error:
+                raise InvalidInputError(f"{name}: expected a vector of numbers, got {value!r}") from error
             if array.ndim != 1 or not np.isfinite(array).all():
                 raise InvalidInputError(f"{name}: expected a vector of finite numbers, got {value!r}")
             array.setflags(write=False)
@@ -53,7 +56,7 @@ class Problem:
     Attributes:
         robot: The robot r.
         environment: The environment E.
-        task: The task (s, t).
+        task: The task (s, t), its angles brought into [-pi, pi).
         name: What tables and figures call it.
         regions: Named parts of the workspace (shapely), for the metric per region (paper, Axes for
             Evaluating Guidance). May be empty; regions may leave gaps.
@@ -88,6 +91,8 @@ class Problem:
                 raise InvalidInputError(
                     f"{self.name}: {label} {q.tolist()} is in collision; expected a free pose"
                 )
+        task = Task(space.wrap(self.task.start), space.wrap(self.task.goal))
+        object.__setattr__(self, "task", task)
 
     @cached_property
     def space(self) -> ConfigurationSpace:

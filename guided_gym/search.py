@@ -36,6 +36,9 @@ class SearchOptions:
             alone, a valid edge from the new node to t.
         rewire: RRT*-style: a new node takes the best parent nearby, then becomes one itself.
         target: Parameters of the target distribution Q.
+
+    Raises:
+        InvalidInputError: A goal tolerance that is negative or not finite.
     """
 
     step: float | None = None
@@ -43,6 +46,10 @@ class SearchOptions:
     goal_tolerance: float = 0.0
     rewire: bool = False
     target: TargetParameters = DEFAULT_TARGET
+
+    def __post_init__(self) -> None:
+        if not 0 <= self.goal_tolerance < np.inf:
+            raise InvalidInputError(f"goal_tolerance: expected a length >= 0, got {self.goal_tolerance!r}")
 
 
 @dataclass(frozen=True, slots=True)
@@ -81,7 +88,10 @@ def streams(seed: int | None) -> tuple[np.random.Generator, np.random.Generator,
 
     ``guided_search(seed=k)`` and ``env.reset(seed=k)`` use the same three.
     """
-    return spawn(np.random.default_rng(seed))
+    try:
+        return spawn(np.random.default_rng(seed))
+    except (TypeError, ValueError) as error:
+        raise InvalidInputError(f"seed: expected an integer >= 0 or None, got {seed!r}") from error
 
 
 def spawn(
@@ -153,7 +163,12 @@ class Search:
         return self.space.motion_free(a, b)
 
     def expand(self, node: int, target: NDArray[np.float64]) -> Expansion:
-        """One sample: try the motion from ``node`` to ``target``, grow the tree or record the failure."""
+        """One sample: try the motion from ``node`` to ``target``, grow the tree or record the failure.
+
+        Raises:
+            InvalidInputError: There is no such node, or the target is no configuration.
+        """
+        target = self._checked(node, target)
         q = self.tree._configurations[node]
         outcome, length, contact = attempt(
             q, target, self.goal, self.options.goal_tolerance, self.space.geometry, self._metric
@@ -175,6 +190,16 @@ class Search:
         for listener in self.listeners:
             listener.feedback(expansion)
         return expansion
+
+    def _checked(self, node: int, target: NDArray[np.float64]) -> NDArray[np.float64]:
+        """``target`` as the kernels take it; they check no bounds."""
+        if not 0 <= node < len(self.tree):
+            raise InvalidInputError(f"node: expected 0 to {len(self.tree) - 1}, got {node!r}")
+        if not (type(target) is np.ndarray and target.dtype == np.float64 and target.flags.carray):
+            target = np.require(target, np.float64, ["C", "W"])
+        if target.shape != self.start.shape or not np.isfinite(target).all():
+            raise InvalidInputError(f"target: expected {self.start.size} finite numbers, got {target!r}")
+        return target
 
     def extend_towards(self, samples: NDArray[np.float64]) -> NDArray[np.int32]:
         """RRT's loop, compiled: the same as select, propose and expand for one sample after another.
@@ -334,13 +359,13 @@ def guided_search(
         progress: Called with the number of samples so far.
 
     Raises:
-        InvalidInputError: max_samples is not positive.
+        InvalidInputError: max_samples is no positive integer, or the seed no integer >= 0.
         NoPathError: ``measure`` is on and no path joins start and goal.
         UnknownNameError: No guiding space has that name.
     """
     from guided_gym.guidance import make_guidance
 
-    if max_samples < 1:
+    if not (isinstance(max_samples, int | np.integer) and max_samples >= 1):
         raise InvalidInputError(f"max_samples: expected at least 1, got {max_samples!r}")
     guidance = make_guidance(guidance)
     _, expansion_rng, guidance_rng = streams(seed)
@@ -380,7 +405,8 @@ def proposer(
         chosen = guidance
     else:
         chosen = make_guidance(expansion)
-        search.attach(chosen)
+        if chosen is not guidance:  # else it is attached already, and would learn everything twice
+            search.attach(chosen)
     return lambda node: chosen.propose(search.tree, node)
 
 

@@ -34,6 +34,7 @@ class TargetTracker:
         self._n = 0
         self._rewirings = 0
         self.optimum = float(self.oracle.cost_to_go(problem.task.start))
+        self._scale = self.optimum or 1.0  # 0 where the search starts at its goal
 
     def _update(self) -> None:
         tree, n = self._tree, len(self._tree)
@@ -54,12 +55,12 @@ class TargetTracker:
             self._rewirings = tree.rewirings
             delta = suboptimality(tree.cost_to_come, self._tau[:n], self.optimum)
             p = self.parameters
-            self._energy[:n] = (delta / p.delta + self._tau[:n] / p.tau) / self.optimum
+            self._energy[:n] = (delta / p.delta + self._tau[:n] / p.tau) / self._scale
         self._n = n
 
     def _energy_of(self, cost_to_come: float, tau: float) -> float:
         delta = max(cost_to_come + tau - self.optimum, 0.0)
-        return (delta / self.parameters.delta + tau / self.parameters.tau) / self.optimum
+        return (delta / self.parameters.delta + tau / self.parameters.tau) / self._scale
 
     @property
     def work_remaining(self) -> NDArray[np.float64]:

@@ -65,7 +65,7 @@ def guidance_class(name: str) -> type[GuidingSpace]:
         module, _, attribute = name.partition(":")
         try:
             cls = getattr(importlib.import_module(module), attribute)
-        except (ImportError, AttributeError) as error:
+        except (ImportError, AttributeError, ValueError, TypeError) as error:
             raise InvalidInputError(f"guidance {name!r}: {error}") from error
         if not (isinstance(cls, type) and issubclass(cls, GuidingSpace)):
             raise InvalidInputError(f"guidance {name!r}: expected a GuidingSpace, got {cls!r}")
@@ -91,6 +91,8 @@ def make_guidance(guidance: GuidingSpace | str, **options: Any) -> GuidingSpace:
         if options:
             raise InvalidInputError(f"options {sorted(options)} need a name, got the instance {guidance!r}")
         return guidance
+    if not isinstance(guidance, str):
+        raise InvalidInputError(f"guidance: expected a name or a guiding space, got {guidance!r}")
     if "+" in guidance:
         return make_guidance("hybrid", guides=guidance.split("+"), **options)
     cls = guidance_class(guidance)

@@ -19,6 +19,8 @@ if TYPE_CHECKING:
     from guided_gym.search import Expansion
     from guided_gym.tree import SearchTree
 
+_REBUILDS = 6  # each roadmap has half as many vertices again: where no path exists, there must be a last one
+
 
 class SampledRoadmap(RoadmapGuidance):
     """A roadmap of uniform samples of C, joined to their nearest neighbours.
@@ -65,7 +67,8 @@ class SampledRoadmap(RoadmapGuidance):
 
     def anchor(self, q: NDArray[np.float64]) -> Anchors:
         """Join each configuration to its nearest vertices."""
-        vertices, lengths = self._index.k_nearest_many(q, self.anchor_count)
+        count = min(self.anchor_count, len(self._index))
+        vertices, lengths = self._index.k_nearest_many(q, count)
         return Anchors(vertices.astype(np.int32), lengths, np.full(vertices.shape, -1, np.int32))
 
 
@@ -97,7 +100,7 @@ class PRM(SampledRoadmap):
     def anchor(self, q: NDArray[np.float64]) -> Anchors:
         """Join each configuration to the nearest vertices that a free motion reaches."""
         anchors = super().anchor(q)
-        starts = np.repeat(q, self.anchor_count, axis=0)
+        starts = np.repeat(q, anchors.vertices.shape[1], axis=0)
         free = self.space.motions_free(starts, self.roadmap.points[anchors.vertices.ravel()])
         self.search.collision_checks += free.size
         anchors.lengths[~free.reshape(anchors.lengths.shape)] = np.inf
@@ -197,10 +200,11 @@ class LazyPRM(SampledRoadmap):
             self.roadmap.remove_vertices(bad)
 
     def select(self, tree: SearchTree) -> int:
-        """Argmin h; where nothing leads to the goal any more, on a new and finer roadmap."""
-        for _ in range(4):
-            if np.isfinite(self.values(tree).min()):
-                break
+        """Argmin h; where nothing leads to the goal any more, on a new and finer roadmap.
+
+        After the finest, every node is as good as another.
+        """
+        while self.rebuilds < _REBUILDS and not np.isfinite(self.values(tree).min()):
             self._renew()
         return super().select(tree)
 

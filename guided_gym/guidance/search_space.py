@@ -137,8 +137,11 @@ class Voronoi(GuidingSpace):
         return self.planner.steer(tree._configurations[node], self._sample)
 
     def burst(self, limit: int) -> NDArray[np.int32] | None:
-        """RRT's loop, compiled; only without a goal bias, and while nobody else listens to the search."""
-        if self.goal_bias or self.search.listeners != [self]:
+        """RRT's loop, compiled; only without a goal bias, and while nobody else listens to the search.
+
+        Not for subclasses: they may select or propose otherwise.
+        """
+        if type(self) is not Voronoi or self.goal_bias or self.search.listeners != [self]:
             return None
         if self._next == len(self._buffer):
             self._buffer, self._next = self.space.sample(self.rng, _BLOCK), 0
