@@ -308,6 +308,8 @@ class SearchResult:
         record: One row per sample.
         collision_checks: Motions checked.
         seconds: Wall time of the search, oracle and metric excluded.
+        preparation: Wall time before it, in which the guiding space built its roadmap, queried its
+            database, or whatever it needs.
     """
 
     tree: SearchTree
@@ -315,6 +317,7 @@ class SearchResult:
     record: Record
     collision_checks: int
     seconds: float
+    preparation: float
 
     @property
     def solved(self) -> bool:
@@ -372,7 +375,9 @@ def guided_search(
     search = Search(problem, expansion_rng, guidance_rng, options)
     if measure:
         search.tracker.optimum  # noqa: B018  solve the oracle before the clock starts
+    began = time.perf_counter()
     search.attach(guidance)
+    preparation = time.perf_counter() - began
     propose = proposer(search, guidance, expansion)
     recorder = _Recorder(search, guidance, measure, distributions)
     began = time.perf_counter()
@@ -388,7 +393,9 @@ def guided_search(
         if progress is not None:
             progress(search.samples)
     seconds = time.perf_counter() - began - recorder.seconds
-    return SearchResult(search.tree, search.path(), recorder.record(), search.collision_checks, seconds)
+    return SearchResult(
+        search.tree, search.path(), recorder.record(), search.collision_checks, seconds, preparation
+    )
 
 
 def proposer(

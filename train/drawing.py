@@ -133,7 +133,7 @@ def region_bars(results: Results, environment: str, guidances: Sequence[str]) ->
 def _database_figure(results: Results) -> Figure:
     labels = [database_label(size) for size in DATABASE_SIZES]
     efficiency = [bootstrap(results.values(DRAWN, label, "efficiency_per_sample")) for label in labels]
-    seconds = [bootstrap(results.values(DRAWN, label, "seconds_per_sample")) for label in labels]
+    seconds = [bootstrap(results.values(DRAWN, label, "preparation")) for label in labels]
     baseline = bootstrap(results.values(DRAWN, "rrt", "efficiency_per_sample"))
     return figures.database(DATABASE_SIZES, efficiency, seconds, baseline=baseline, title=DRAWN)
 

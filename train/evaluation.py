@@ -279,6 +279,7 @@ def _run(group: _Group, seed: int) -> Run:
         best_possible=float(result.record.best.sum()),
         collision_checks=result.collision_checks,
         seconds=result.seconds,
+        preparation=result.preparation,
         path_cost=path_cost,
         optimum=_optimum(problem),
         divergence=_mean(result.record.divergence),

@@ -46,6 +46,7 @@ _FORMAT = FileFormat(
             best_possible REAL NOT NULL,
             collision_checks INTEGER NOT NULL,
             seconds REAL NOT NULL,
+            preparation REAL NOT NULL,
             path_cost REAL,
             optimum REAL NOT NULL,
             divergence REAL,
@@ -70,7 +71,7 @@ Column = Literal[
     "best_possible",
     "collision_checks",
     "seconds",
-    "seconds_per_sample",
+    "preparation",
     "path_cost",
     "optimum",
     "divergence",
@@ -94,6 +95,7 @@ class Run:
         best_possible: Sum of -log max Q over the samples: the least that any choices on these trees had.
         collision_checks: Motions checked.
         seconds: Wall time of the search, oracle and metric excluded.
+        preparation: Wall time before it, for the guidance to build its roadmap or query its database.
         path_cost: Length of the path found, NaN where unsolved.
         optimum: d_C(s, t) by the oracle.
         divergence: Mean over the samples of D_KL(P || Q) of the guidance's whole distribution, NaN if it was
@@ -114,6 +116,7 @@ class Run:
     best_possible: float
     collision_checks: int
     seconds: float
+    preparation: float
     path_cost: float
     optimum: float
     divergence: float
@@ -125,11 +128,6 @@ class Run:
     def efficiency_per_sample(self) -> float:
         """Total SE over the samples drawn; 0 if the start saw the goal."""
         return self.total_efficiency / self.samples if self.samples else 0.0
-
-    @property
-    def seconds_per_sample(self) -> float:
-        """Wall time over the samples drawn; NaN if the start saw the goal."""
-        return self.seconds / self.samples if self.samples else math.nan
 
 
 @dataclass(frozen=True)
@@ -301,6 +299,7 @@ _COLUMNS = (
     "best_possible",
     "collision_checks",
     "seconds",
+    "preparation",
     "path_cost",
     "optimum",
     "divergence",

@@ -30,6 +30,7 @@ def synthetic_run(
         "best_possible": 1.0,
         "collision_checks": 2 * samples,
         "seconds": 1e-3 * samples,
+        "preparation": 2e-3,
         "path_cost": 10.0 if solved else float("nan"),
         "optimum": 9.0,
         "divergence": float("nan"),

@@ -96,10 +96,10 @@ def test_falls__needs_a_trend_and_ends_apart(group: Callable[..., list[Run]]) ->
 
 
 @pytest.mark.parametrize(("power", "expected"), [(0.3, True), (1.1, False)])
-def test_sublinear__time_per_sample(make_run: MakeRun, power: float, expected: bool) -> None:
+def test_sublinear__time_per_query(make_run: MakeRun, power: float, expected: bool) -> None:
     sizes = (10, 100, 1000)
     runs = [
-        make_run("Cup", str(size), seed, seconds=4e-3 * size**power * (1 + 0.05 * (seed % 4)))
+        make_run("Cup", str(size), seed, preparation=4e-3 * size**power * (1 + 0.05 * (seed % 4)))
         for size in sizes
         for seed in SEEDS
     ]
