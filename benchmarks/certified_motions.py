@@ -32,6 +32,7 @@ from rich.progress import Progress
 from rich.table import Table
 
 from guided_gym.environment import Environment
+from guided_gym.envs.catalogue import make_distribution, rectangle_robot
 from guided_gym.kernels import collision
 from guided_gym.robots import Robot
 from guided_gym.space import ConfigurationSpace
@@ -39,6 +40,7 @@ from guided_gym.space import ConfigurationSpace
 FloatArray = npt.NDArray[np.float64]
 BoolArray = npt.NDArray[np.bool_]
 
+PAPER = ("SimplePassage", "Cup", "Trap", "TrapCup", "RandomSimplePassage")
 SIDE = 10.0
 BOUNDS = (0.0, 0.0, SIDE, SIDE)
 STEP = 1e-4 * SIDE
@@ -78,21 +80,9 @@ class Tally:
         return self.refused - self.refused_in_fact_colliding
 
 
-def passage(_: np.random.Generator) -> Environment:
-    """One wall with a gap of 0.8."""
-    return Environment(BOUNDS, (shapely.box(4.5, 0, 5.5, 4.6), shapely.box(4.5, 5.4, 5.5, SIDE)))
-
-
-def cup(_: np.random.Generator) -> Environment:
-    """A C-shaped dead end, as one polygon that is not convex."""
-    c = [(3, 3), (7, 3), (7, 7), (3, 7), (3, 6.6), (6.6, 6.6), (6.6, 3.4), (3, 3.4)]
-    return Environment.from_polygons(BOUNDS, [c])
-
-
-def trap(_: np.random.Generator) -> Environment:
-    """Two walls, a gap of 0.3 that fits no rectangle and one of 0.8 that does."""
-    walls = [(3, 0, 3.4, 4.85), (3, 5.15, 3.4, SIDE - 0.8), (6, 0.8, 6.4, 5.0), (6, 5.7, 6.4, SIDE)]
-    return Environment(BOUNDS, tuple(shapely.box(*wall) for wall in walls))
+def catalogue(name: str) -> Callable[[np.random.Generator], Environment]:
+    """The workspaces of a problem of the catalogue."""
+    return lambda rng: make_distribution(name).sample(rng).environment
 
 
 def clutter(rng: np.random.Generator) -> Environment:
@@ -109,13 +99,11 @@ def clutter(rng: np.random.Generator) -> Environment:
 
 
 L_SHAPE = [(-0.2, -0.2), (0.8, -0.2), (0.8, 0.1), (0.1, 0.1), (0.1, 0.8), (-0.2, 0.8)]
-RECTANGLE = Robot.rectangle(1.0, 0.4)
+RECTANGLE = rectangle_robot()
 
 Scene = tuple[Robot, Callable[[np.random.Generator], Environment], float]
 SCENES: dict[str, Scene] = {
-    "passage, rectangle": (RECTANGLE, passage, 1 / 6),
-    "cup, rectangle": (RECTANGLE, cup, 1 / 6),
-    "trap, rectangle": (RECTANGLE, trap, 1 / 6),
+    **{f"{name}, rectangle": (RECTANGLE, catalogue(name), 1 / 10) for name in PAPER},
     "clutter, rectangle": (RECTANGLE, clutter, 1 / 8),
     "clutter, L": (Robot.polygon(L_SHAPE), clutter, 1 / 8),
     "clutter, segment": (Robot.segment(1.0), clutter, 1 / 8),
@@ -252,7 +240,7 @@ def chunks(motions: int) -> Iterator[tuple[str, int, int]]:
 def run(motions: int, seed: int, console: Console) -> dict[str, Tally]:
     """Judge all scenes."""
     tallies = {name: Tally() for name in SCENES}
-    for robot, build, _ in (SCENES["passage, rectangle"], SCENES["clutter, point"]):  # compile before timing
+    for robot, build, _ in (SCENES["Cup, rectangle"], SCENES["clutter, point"]):  # compile before timing
         rng = np.random.default_rng(seed)
         space = ConfigurationSpace(robot, build(rng))
         judge_motions(space, dense_reference.scene_of(robot, space.environment), rng, 2)

@@ -1,4 +1,4 @@
-"""Speed of guided search: RRT beside OMPL's, failed expansions beside a full Dijkstra, cost as the tree grows.
+"""Speed of searches: RRT beside OMPL's, failed expansions beside a full Dijkstra, and growth with the tree.
 
     python benchmarks/search.py --json search.json
 

@@ -71,6 +71,10 @@ def build_database(
         raise InvalidInputError(f"expected a number of paths >= 0, got {n_paths}")
     attempt = partial(_attempt, solve)
     with worker_pool(workers) as run, PathDatabase.create_or_open(path, header) as database:
+        if database.header.name != header.name:
+            raise InvalidInputError(
+                f"{path} holds paths of {database.header.name}: expected paths of {header.name}"
+            )
         batch = _Batch(database, n_paths, progress)
         batch.report()
         while seeds := database.missing_seeds(n_paths):

@@ -93,7 +93,8 @@ def build_path_database(
     distribution = make_distribution(environment)
     if not 0 <= offset < 2**62:
         raise InvalidInputError(f"seed: expected an integer in [0, 2**62), got {offset!r}")
-    header = DatabaseHeader.for_space(environment, distribution.problem(offset).space)
+    name = environment if offset == SEED_OFFSET else f"{environment} from seed {offset}"
+    header = DatabaseHeader.for_space(name, distribution.problem(offset).space)
     solve = partial(solve_path, environment, offset, imports)
     if workers > 1:
         solve(0)  # compiles before there are workers: each of them would compile the same

@@ -17,6 +17,7 @@ from guided_gym.kernels.shortest_paths import graph_from_edges
 from guided_gym.kernels.waypoints import path_anchors
 
 if TYPE_CHECKING:
+    from guided_gym.database import DatabaseHeader
     from guided_gym.path_library import PathLibrary
     from guided_gym.search import Expansion
     from guided_gym.tree import SearchTree
@@ -61,10 +62,12 @@ class PathDatabase(RoadmapGuidance):
             )
         if similar < 1:
             raise InvalidInputError(f"similar: expected at least 1, got {similar!r}")
+        self._header: DatabaseHeader | None = None
         if isinstance(database, str | Path):
             from guided_gym.database import PathDatabase as Store
 
             with Store.open(database, readonly=True) as store:
+                self._file, self._header = str(database), store.header
                 database = store.load(paths)
         elif paths is not None:
             database = database.subset(paths)
@@ -80,6 +83,8 @@ class PathDatabase(RoadmapGuidance):
                 f"path_database: expected paths of dimension {self.space.dimension}, "
                 f"got {self.library.dimension}"
             )
+        if self._header is not None:
+            self._header.require(self._header.for_space("", self.space), self._file)
         self.queried = 0
         self.filtered = 0
         self._fallback.reset(self.search)
