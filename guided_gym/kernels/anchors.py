@@ -75,11 +75,11 @@ def drop_anchors(
         periods: (d,) periods, 0 for none.
     """
     for i in range(n):
-        longest = 0.0
+        longest = -1.0
         for j in range(vertices.shape[1]):
             if vertices[i, j] >= 0 and lengths[i, j] < np.inf:
                 longest = max(longest, lengths[i, j])
-        if longest == 0.0:
+        if longest < 0.0:
             continue
         for f in range(contacts.shape[0]):
             away = separation(q[i], contacts[f], weights, periods)
