@@ -17,6 +17,7 @@ from guided_gym.environment import Environment
 from guided_gym.errors import UnknownNameError
 from guided_gym.problems import FixedProblem, Problem, ProblemDistribution, SampledProblems, Task
 from guided_gym.robots import Robot
+from guided_gym.splits import in_split
 
 SIZE = 10.0
 ROBOT_LENGTH, ROBOT_WIDTH = 0.8, 0.3
@@ -149,11 +150,14 @@ def distribution_names() -> list[str]:
 
 @cache
 def make_distribution(name: str) -> ProblemDistribution:
-    """The distribution of that name.
+    """The distribution of that name, or with ``name@split`` its train, validation or test problems.
 
     Raises:
         UnknownNameError: No such name; the nearest one is suggested.
     """
+    if "@" in name and name not in _CATALOGUE:
+        whole, _, split = name.rpartition("@")
+        return in_split(make_distribution(whole), split)
     if name not in _CATALOGUE:
         raise UnknownNameError("environment", name, _CATALOGUE)
     return _CATALOGUE[name]()

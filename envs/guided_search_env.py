@@ -23,6 +23,7 @@ from guided_gym.guidance.base import GuidingSpace, draw
 from guided_gym.local_planner import DEFAULT_CANDIDATES
 from guided_gym.problems import FixedProblem, Problem, ProblemDistribution
 from guided_gym.search import Search, SearchOptions, spawn
+from guided_gym.splits import Split, in_split
 
 if TYPE_CHECKING:
     from guided_gym.envs.rendering import Renderer
@@ -33,6 +34,7 @@ ACTIONS: Final = ("node", "distribution")
 ON_INVALID: Final = ("noop", "raise")
 OPTIONS: Final = (
     "distribution",
+    "split",
     "max_nodes",
     "max_samples",
     "expansion",
@@ -42,6 +44,7 @@ OPTIONS: Final = (
     "step",
     "candidates",
     "goal_tolerance",
+    "goal_edge",
     "rewire",
     "target",
     "observe",
@@ -103,6 +106,8 @@ class GuidedSearchEnv(gymnasium.Env[Observation, Action]):
 
     Args:
         distribution: Name in the catalogue, a distribution, or a problem.
+        split: ``"train"``, ``"validation"`` or ``"test"``: draw from these problems only, and pose number k
+            of them with ``reset(seed=k)``; None for the whole distribution (see `guided_gym.splits`).
         max_nodes: Size of the padded arrays and of the action space.
         max_samples: Steps until truncation; None for max_nodes - 2.
         expansion: Who proposes the configuration: ``"uniform"`` in the ball around the node, or a guiding
@@ -113,6 +118,7 @@ class GuidedSearchEnv(gymnasium.Env[Observation, Action]):
         step: Radius of the ball; None for 5 % of the workspace's diagonal.
         candidates: Members of the ball that a guided expansion looks at.
         goal_tolerance: The search also ends this near to the goal.
+        goal_edge: Whether a valid edge to the goal ends the search; without it only nearness does.
         rewire: Rewire the tree as RRT* does.
         target: Parameters of the target distribution Q.
         observe: What is observed, an object like `guided_gym.envs.observations.Observer` (copied); None for
@@ -132,6 +138,7 @@ class GuidedSearchEnv(gymnasium.Env[Observation, Action]):
         self,
         distribution: str | ProblemDistribution | Problem = "SimplePassage",
         *,
+        split: str | Split | None = None,
         max_nodes: int = 256,
         max_samples: int | None = None,
         expansion: str | GuidingSpace = "uniform",
@@ -141,6 +148,7 @@ class GuidedSearchEnv(gymnasium.Env[Observation, Action]):
         step: float | None = None,
         candidates: int = DEFAULT_CANDIDATES,
         goal_tolerance: float = 0.0,
+        goal_edge: bool = True,
         rewire: bool = False,
         target: TargetParameters = DEFAULT_TARGET,
         observe: Observer | None = None,
@@ -156,7 +164,11 @@ class GuidedSearchEnv(gymnasium.Env[Observation, Action]):
         _check_choice("render_mode", render_mode, (None, *self.metadata["render_modes"]))
         self.max_nodes, self.max_samples = _checked_sizes(max_nodes, max_samples)
         self.distribution = _as_distribution(distribution)
-        self.options = SearchOptions(step, candidates, goal_tolerance, rewire, _checked_target(target))
+        if split is not None:
+            self.distribution = in_split(self.distribution, split)
+        self.options = SearchOptions(
+            step, candidates, goal_tolerance, rewire, _checked_target(target), goal_edge
+        )
         self.expansion = expansion  # as it was asked for; `expander` is who does it
         self.expander = _own_expander(expansion)
         self.action = action
@@ -217,7 +229,13 @@ class GuidedSearchEnv(gymnasium.Env[Observation, Action]):
         distribution = self._distribution_for(options)
         super().reset(seed=seed)
         problem_rng, expansion_rng, guidance_rng = spawn(self.np_random)
-        problem = draw_problem(distribution, problem_rng, self.options.goal_tolerance)
+        problem = draw_problem(
+            distribution,
+            problem_rng,
+            self.options.goal_tolerance,
+            goal_edge=self.options.goal_edge,
+            seed=seed,
+        )
         search = Search(problem, expansion_rng, guidance_rng, self.options, self.max_nodes)
         search.tracker.optimum  # noqa: B018  solves the oracle: no path, no episode
         self._observer.reset(search)

@@ -236,6 +236,8 @@ def spaced(search_or_problem: Search | Problem, path: Points, gap: float | None 
         gap: Distance between neighbours; None for a thirteenth of the workspace's diagonal, or the robot's
             diameter if that is more.
     """
+    if len(path) < 2:  # the start is near enough to the goal
+        return path
     space = search_or_problem.space
     gap = max(space.extent / 13, 2.0 * space.robot.radius) if gap is None else gap
     lengths = np.atleast_1d(space.distance(path[:-1], path[1:]))

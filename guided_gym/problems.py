@@ -144,6 +144,29 @@ class FixedProblem(ProblemDistribution):
         return self._problem
 
 
+class ProblemList(ProblemDistribution):
+    """A distribution over a numbered list of problems: seed k is problem k, modulo their number.
+
+    A problem asked for by its number is never drawn again, whatever it is like: benchmarks are such lists.
+    """
+
+    @abstractmethod
+    def __len__(self) -> int:
+        """Number of problems."""
+
+    @abstractmethod
+    def __getitem__(self, index: int) -> Problem:
+        """Problem number ``index``, 0 to ``len(self) - 1``."""
+
+    def sample(self, rng: np.random.Generator) -> Problem:
+        """One of the problems, each as likely."""
+        return self[int(rng.integers(len(self)))]
+
+    def problem(self, seed: int) -> Problem:
+        """Problem number ``seed``, modulo their number."""
+        return self[seed % len(self)]
+
+
 class SampledProblems(ProblemDistribution):
     """A distribution given by a function from a random generator to a problem."""
 

@@ -36,9 +36,11 @@ class SearchOptions:
             alone, a valid edge from the new node to t.
         rewire: RRT*-style: a new node takes the best parent nearby, then becomes one itself.
         target: Parameters of the target distribution Q.
+        goal_edge: Whether the paper's rule holds. Without it a search ends only where `goal_tolerance` says,
+            and its path ends at that node: the rule of benchmarks with a goal region.
 
     Raises:
-        InvalidInputError: A goal tolerance that is negative or not finite.
+        InvalidInputError: A goal tolerance that is negative or not finite, or no rule by which to end.
     """
 
     step: float | None = None
@@ -46,10 +48,13 @@ class SearchOptions:
     goal_tolerance: float = 0.0
     rewire: bool = False
     target: TargetParameters = DEFAULT_TARGET
+    goal_edge: bool = True
 
     def __post_init__(self) -> None:
         if not 0 <= self.goal_tolerance < np.inf:
             raise InvalidInputError(f"goal_tolerance: expected a length >= 0, got {self.goal_tolerance!r}")
+        if not self.goal_edge and self.goal_tolerance == 0:
+            raise InvalidInputError("goal_tolerance: expected a length > 0 without goal_edge, got 0")
 
 
 @dataclass(frozen=True, slots=True)
@@ -61,7 +66,7 @@ class Expansion:
         target: (d,) the proposed configuration x_new.
         child: Index of the new node, or NO_NODE if the motion was not free.
         contact: (d,) colliding configuration if the motion failed, else None.
-        reached_goal: Whether the new node has a valid edge to the goal.
+        reached_goal: Whether the search ended with the new node: it has a valid edge to the goal.
     """
 
     node: int
@@ -170,8 +175,9 @@ class Search:
         """
         target = self._checked(node, target)
         q = self.tree._configurations[node]
+        tolerance, by_edge = self.options.goal_tolerance, self.options.goal_edge
         outcome, length, contact = attempt(
-            q, target, self.goal, self.options.goal_tolerance, self.space.geometry, self._metric
+            q, target, self.goal, tolerance, by_edge, self.space.geometry, self._metric
         )
         self.samples += 1
         if outcome == FAILED:
@@ -179,7 +185,7 @@ class Search:
             self.tree.add_failure(node, target, contact)
             expansion = Expansion(node, target, NO_NODE, contact, False)
         else:
-            self.collision_checks += 1 if outcome == REACHED_TOLERANCE else 2
+            self.collision_checks += 2 if by_edge and outcome != REACHED_TOLERANCE else 1
             child = self.tree.add(target, node, length)
             if self.options.rewire:
                 self._rewire(child)
@@ -225,7 +231,7 @@ class Search:
             tree.failure_arrays,
             index.state,
             self.goal,
-            (self.planner.step, options.goal_tolerance),
+            (self.planner.step, options.goal_tolerance, options.goal_edge),
             self.space.geometry,
             self._metric,
             record,
@@ -234,7 +240,8 @@ class Search:
         grown = int(np.count_nonzero(rows[:, 1] != NO_NODE))
         tree.grown(grown, used - grown)
         self.samples += used
-        self.collision_checks += used + grown - (outcome == REACHED_TOLERANCE)
+        looks = grown - (outcome == REACHED_TOLERANCE) if options.goal_edge else 0  # at the goal
+        self.collision_checks += used + looks
         if outcome in (REACHED_TOLERANCE, REACHED):
             self.goal_node = len(tree) - 1
         return rows
@@ -243,7 +250,7 @@ class Search:
         q = self.tree._configurations[node]
         tolerance = self.options.goal_tolerance
         near = tolerance > 0 and separation(q, self.goal, *self._metric) <= tolerance
-        if near or self.motion_free(q, self.goal):
+        if near or (self.options.goal_edge and self.motion_free(q, self.goal)):
             self.goal_node = node
 
     def _rewire(self, child: int) -> None:
@@ -266,11 +273,14 @@ class Search:
                 tree.rewire(i, child, float(length))
 
     def path(self) -> NDArray[np.float64] | None:
-        """(k, d) the path found, start and goal included; None while there is none."""
+        """(k, d) the path found, start and goal included; None while there is none.
+
+        Where only nearness counts (no valid edge from the last node, or ``goal_edge`` off) it ends there.
+        """
         if not self.solved:
             return None
         nodes = self.tree.configurations[self.tree.path_to(self.goal_node)]
-        if self.space.motion_free(nodes[-1], self.goal):
+        if self.options.goal_edge and self.space.motion_free(nodes[-1], self.goal):
             nodes = np.vstack([nodes, self.goal])
         return nodes
 

@@ -151,10 +151,9 @@ def problem_of(distribution: ProblemDistribution, seed: int, goal_tolerance: flo
     Raises:
         NoPathError: No problem with a path could be drawn.
     """
-    from guided_gym.draws import draw_problem
-    from guided_gym.search import streams
+    from guided_gym.draws import problem_of_seed
 
-    return draw_problem(distribution, streams(seed)[0], goal_tolerance)
+    return problem_of_seed(distribution, seed, goal_tolerance)
 
 
 def settings_content(environment: str, spec: GuidanceSpec, settings: EvaluationSettings) -> dict[str, Any]:

@@ -27,6 +27,7 @@ def attempt(
     target: Floats,
     goal: Floats,
     tolerance: float,
+    by_edge: bool,
     geometry: Geometry,
     metric: tuple[Floats, Floats],
 ) -> tuple[int, float, Floats]:
@@ -37,6 +38,7 @@ def attempt(
         target: (d,) x_new.
         goal: (d,) the goal t.
         tolerance: The goal also counts as reached when it is this near; 0 for never.
+        by_edge: Whether a free motion to the goal counts as having reached it.
         geometry: What the collision kernels take.
         metric: Weights and periods of the distance.
 
@@ -51,7 +53,7 @@ def attempt(
     length = separation(q, target, weights, periods)
     if tolerance > 0.0 and separation(target, goal, weights, periods) <= tolerance:
         return REACHED_TOLERANCE, length, target
-    if motion_free(target, goal, geometry):
+    if by_edge and motion_free(target, goal, geometry):
         return REACHED, length, target
     return GREW, length, target
 
@@ -64,7 +66,7 @@ def grow_rrt(
     failures: Failures,
     index: State,
     goal: Floats,
-    limits: tuple[float, float],
+    limits: tuple[float, float, bool],
     geometry: Geometry,
     metric: tuple[Floats, Floats],
     record: tuple[Int32s, Int32s],
@@ -80,7 +82,7 @@ def grow_rrt(
         failures: Failure arrays of the tree.
         index: Nearest-neighbour index over the nodes.
         goal: (d,) the goal t.
-        limits: Step of the local planner, and tolerance at the goal.
+        limits: Step of the local planner; tolerance at the goal; whether a free motion to it is enough.
         geometry: What the collision kernels take.
         metric: Weights and periods of the distance.
         record: (m,) selected node and (m,) new node (-1 after a failure) of each sample, written.
@@ -91,12 +93,13 @@ def grow_rrt(
     configurations, parents, costs, depths, children, failed = nodes
     failed_nodes, failed_targets, contacts = failures
     n, f = sizes
-    step, tolerance = limits
+    step, tolerance, by_edge = limits
     outcome = FAILED
     for k in range(samples.shape[0]):
         node, _ = nearest(index, samples[k])
         target = steer(configurations[node], samples[k], step, metric[0], metric[1])
-        outcome, length, contact = attempt(configurations[node], target, goal, tolerance, geometry, metric)
+        q = configurations[node]
+        outcome, length, contact = attempt(q, target, goal, tolerance, by_edge, geometry, metric)
         record[0][k] = node
         if outcome == FAILED:
             record[1][k] = -1
