@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from guided_gym.errors import InvalidInputError
 from guided_gym.guidance.base import positive
-from guided_gym.guidance.roadmap import Anchors, Roadmap, RoadmapGuidance
+from guided_gym.guidance.roadmap import AnchoredNodes, Anchors, Roadmap, RoadmapGuidance
 from guided_gym.guidance.search_space import Voronoi
 from guided_gym.kernels.nearest import GrowingIndex
 from guided_gym.kernels.shortest_paths import graph_from_edges
@@ -92,20 +92,22 @@ class PathDatabase(RoadmapGuidance):
         super().prepare()
 
     def build(self) -> Roadmap:
-        """The roadmap of the next most similar tasks' paths: a chain per path, its end joined to the goal."""
+        """The roadmap of the next most similar tasks' paths: a chain per path, on to the goal."""
         start, goal = self.search.start, self.goal
         wanted = min(self.queried + self.similar, len(self.library))
         ids = self.library.most_similar(start, goal, wanted)[self.queried :] if wanted else []
         self.queried = wanted
         spacing = self.radius * self.planner.step
-        chains = [self._resampled(self.library.path(int(i)), spacing) for i in ids]
+        # On to the goal: what joins a path to it is to be filtered like the path itself.
+        onward = [np.vstack([self.library.path(int(i)), goal]) for i in ids]
+        chains = [self._resampled(path, spacing)[:-1] for path in onward]
         points = np.vstack([*chains, goal])
         self._path_of = np.repeat(np.arange(len(chains) + 1), [*map(len, chains), 1]).astype(np.int32)
         end = len(points) - 1
         edges = np.stack([np.arange(end), np.arange(1, end + 1)], axis=1)
         edges[self._path_of[edges[:, 0]] != self._path_of[edges[:, 1]], 1] = end
         lengths = np.atleast_1d(self.space.distance(points[edges[:, 0]], points[edges[:, 1]]))
-        self._alive = np.ones(len(chains), bool)
+        self._alive = np.array([len(chain) > 0 for chain in chains], bool)
         self._index = GrowingIndex(self.space.weights, self.space.periods)
         self._index.add_many(points[:end])
         return Roadmap(points, graph_from_edges(len(points), edges, lengths), end)
@@ -160,19 +162,18 @@ class PathDatabase(RoadmapGuidance):
         self.filtered += struck.size
         on_struck = np.isin(self._path_of[self.roadmap.edges[:, 0]], struck)
         self.roadmap.remove(np.flatnonzero(on_struck).astype(np.int32))
-        if self._anchors is not None:
-            self._look_again()
+        if self._anchored is not None:
+            self._look_again(self._anchored)
 
-    def _look_again(self) -> None:
+    def _look_again(self, nodes: AnchoredNodes) -> None:
         """Anchor anew the nodes that saw only paths which are gone."""
-        tree, anchors = self.search.tree, self._anchors
-        assert anchors is not None
-        n = self._anchored
-        had = (anchors.vertices[:n] >= 0).any(axis=1)
-        blind = np.flatnonzero(had & ~np.isfinite(self._values_of(anchors, n)))
-        for i in blind:
-            fresh = self.project(tree, tree._configurations[i : i + 1])
-            anchors.vertices[i], anchors.lengths[i] = fresh.vertices[0], fresh.lengths[0]
+        n = len(nodes)
+        had = (nodes.anchors.vertices[:n] >= 0).any(axis=1)
+        blind = np.flatnonzero(had & ~np.isfinite(self._values_of(nodes.anchors, n)))
+        for i in blind:  # one by one: `anchor` looks around the first of a batch
+            tree = self.search.tree
+            nodes.replace(np.array([i]), self.project(tree, tree._configurations[i : i + 1]))
+        nodes.stale(blind)
 
     def _sighted(self, tree: SearchTree) -> bool:
         """Whether some node sees a path; queries further while all queried paths are filtered out."""
