@@ -25,7 +25,7 @@ from shapely.geometry import box
 
 from guided_gym.environment import Environment
 from guided_gym.envs.catalogue import cup, make_distribution, rectangle_robot, wall
-from guided_gym.guidance import LazyPRM, MedialAxis, make_guidance
+from guided_gym.guidance import GuidingSpace, LazyPRM, MedialAxis, make_guidance
 from guided_gym.kernels.collision import pose_free
 from guided_gym.problems import Problem, Task
 from guided_gym.search import Search, guided_search, streams
@@ -123,8 +123,9 @@ def against_ompl(samples: int, turns: int) -> dict[str, Any]:
 
 
 def growth(guidance: str, sizes: tuple[int, ...], window: int) -> dict[str, float]:
-    """Microseconds a sample when the tree has about each of the given sizes."""
-    problem = walled_in()
+    """Microseconds a sample (median) when the tree has about each of the given sizes."""
+    problem = walled_in() if guidance == "rrt" else make_distribution("Cup").problem(0)
+    guided_search(problem, guidance, seed=0, max_samples=100, measure=False)  # load what is compiled
     _, expansion_rng, guidance_rng = streams(0)
     search = Search(problem, expansion_rng, guidance_rng)
     guide = make_guidance(guidance)
@@ -133,18 +134,19 @@ def growth(guidance: str, sizes: tuple[int, ...], window: int) -> dict[str, floa
     for size in sizes:
         while len(search.tree) < size:
             search.extend_towards(search.space.sample(rng, 1024))
-        guide.forget()
         guide.select(search.tree)
-        began = time.process_time()
-        for _ in range(window):
-            rows = guide.burst(window) if guidance == "rrt" else None
-            if rows is not None:
-                break
-            node = guide.select(search.tree)
-            search.expand(node, guide.propose(search.tree, node))
-        count = window if rows is None else len(rows)
-        out[str(size)] = (time.process_time() - began) / count * 1e6
+        out[str(size)] = float(np.median([one_sample(search, guide) for _ in range(window)])) * 1e6
     return out
+
+
+def one_sample(search: Search, guide: GuidingSpace) -> float:
+    """Seconds of the processor for one sample, or for each sample of a burst."""
+    began = time.thread_time()
+    rows = guide.burst(100)
+    if rows is None:
+        node = guide.select(search.tree)
+        search.expand(node, guide.propose(search.tree, node))
+    return (time.thread_time() - began) / (1 if rows is None else len(rows))
 
 
 def failed_expansions(guide: LazyPRM | MedialAxis, name: str, seeds: int) -> dict[str, float]:
@@ -159,10 +161,10 @@ def failed_expansions(guide: LazyPRM | MedialAxis, name: str, seeds: int) -> dic
         while not search.solved and search.samples < 1000:
             node = guide.select(search.tree)
             expansion = search.expand(node, guide.propose(search.tree, node))
-            began = time.perf_counter()
+            began = time.thread_time()
             guide.feedback(expansion)
             if expansion.failed:
-                times.append(time.perf_counter() - began)
+                times.append(time.thread_time() - began)
         full.append(full_dijkstra(guide))
     return {
         "failures": len(times),
@@ -179,9 +181,9 @@ def full_dijkstra(guide: LazyPRM | MedialAxis) -> float:
     a, b = roadmap.edges[alive].T
     weights, n = (roadmap.lengths * roadmap.multipliers)[alive], len(roadmap.points)
     graph = csr_array((weights, (a, b)), shape=(n, n))
-    began = time.perf_counter()
+    began = time.thread_time()
     dijkstra(graph, directed=False, indices=roadmap.goal)
-    return time.perf_counter() - began
+    return time.thread_time() - began
 
 
 def main() -> None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
+from collections.abc import Callable
 from typing import TYPE_CHECKING, Any, ClassVar
 
 import numpy as np
@@ -46,7 +47,7 @@ class GuidingSpace(ABC):
         self.search = search
         self.space, self.goal = search.space, search.goal
         self.planner, self.rng = search.planner, search.guidance_rng
-        self._known = np.zeros(0)
+        self.forget()
         self.prepare()
 
     def prepare(self) -> None:  # noqa: B027  a hook: nothing to prepare is common
@@ -77,17 +78,15 @@ class GuidingSpace(ABC):
 
     def forget(self) -> None:
         """Have h of all nodes computed anew: call it when the projection or the heuristic has changed."""
-        self._known = np.zeros(0)
+        self._values = NodeValues(self.expansion_penalty * self.planner.step)
+
+    def evaluate(self, tree: SearchTree, first: int, last: int) -> NDArray[np.float64]:
+        """(last - first,) h of the nodes that have come since; called once for each."""
+        return self.heuristic(self.project(tree, tree._configurations[first:last]))
 
     def values(self, tree: SearchTree) -> NDArray[np.float64]:
         """(n,) h(P_T(v)) of each node, the penalty for its expansions so far included."""
-        n, known = len(tree), self._known.size
-        if known < n:
-            fresh = self.heuristic(self.project(tree, tree.configurations[known:]))
-            self._known = np.concatenate([self._known, fresh]) if known else np.array(fresh, np.float64)
-        if self.expansion_penalty == 0:
-            return self._known
-        return self._known + (self.expansion_penalty * self.planner.step) * (tree.failures + tree.children)
+        return self._values.update(tree, self.evaluate)
 
     def distribution(self, tree: SearchTree) -> NDArray[np.float64]:
         """(n,) the distribution P over the nodes from which `select` draws."""
@@ -117,6 +116,49 @@ class GuidingSpace(ABC):
         """(d,) x_new: the member of N_C(v) with the least h, among the local planner's candidates."""
         candidates = self.planner.candidates(tree._configurations[node])
         return candidates[int(np.argmin(self.heuristic(self.project(tree, candidates))))]
+
+
+class NodeValues:
+    """h of each node of a growing tree, with what its expansions add to it; O(new nodes) to keep up to date.
+
+    Args:
+        penalty: What each expansion of a node adds to its h.
+    """
+
+    def __init__(self, penalty: float) -> None:
+        self._penalty = penalty
+        self._h = np.zeros(64)
+        self._totals = np.zeros(64)
+        self._nodes = self._failures = self._rewirings = 0
+
+    def update(
+        self, tree: SearchTree, evaluate: Callable[[SearchTree, int, int], NDArray[np.float64]]
+    ) -> NDArray[np.float64]:
+        """(n,) totals, a read-only view; ``evaluate(tree, first, last)`` is asked for h of the new nodes."""
+        first, n = self._nodes, len(tree)
+        if n > self._h.size:
+            self._h, self._totals = (np.resize(a, 2 * n) for a in (self._h, self._totals))
+        if first < n:
+            self._h[first:n] = evaluate(tree, first, n)
+        failed = tree._failed_nodes[self._failures : tree.failure_count]
+        if n - first + failed.size > 8 or tree.rewirings != self._rewirings:
+            self._charge(tree, slice(0, n))
+        else:  # one by one: the usual case is one new node, or one failure
+            for node in (*range(first, n), *tree._parents[max(first, 1) : n].tolist(), *failed.tolist()):
+                self._charge(tree, node)
+        self._nodes, self._failures, self._rewirings = n, tree.failure_count, tree.rewirings
+        totals = self._totals[:n]
+        totals.flags.writeable = False
+        return totals
+
+    def change(self, tree: SearchTree, nodes: NDArray[np.int64], h: NDArray[np.float64]) -> None:
+        """Set h of some nodes anew."""
+        self._h[nodes] = h
+        self._charge(tree, nodes)
+
+    def _charge(self, tree: SearchTree, nodes: int | slice | NDArray[np.int64]) -> None:
+        expansions = tree._failures[nodes] + tree._children[nodes]
+        self._totals[nodes] = self._h[nodes] + self._penalty * expansions
 
 
 def positive(**values: float) -> tuple[float, ...]:

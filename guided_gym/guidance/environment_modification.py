@@ -169,7 +169,7 @@ class LazyPRM(SampledRoadmap):
         near = self._contacts_near(q, float(anchors.lengths.max()))
         if len(near):
             drop_anchors(
-                q, len(q), anchors.vertices, anchors.lengths, self.roadmap.points, near,
+                q, np.arange(len(q)), anchors.vertices, anchors.lengths, self.roadmap.points, near,
                 self._reach, self.space.weights, self.space.periods,
             )  # fmt: skip
         return anchors
@@ -189,7 +189,7 @@ class LazyPRM(SampledRoadmap):
             return
         self._contacts.add(expansion.contact)
         self._learn(expansion.contact)
-        self.drop_near(self.search.tree, expansion.contact[None], self._reach)
+        self.drop_near(self.search.tree, expansion.contact, self._reach)
 
     def _learn(self, contact: NDArray[np.float64]) -> None:
         edges = self._segments.within(contact, self._reach)

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from guided_gym.errors import InvalidInputError
 from guided_gym.guidance.base import positive
-from guided_gym.guidance.roadmap import Anchors, Roadmap, RoadmapGuidance
+from guided_gym.guidance.roadmap import AnchoredNodes, Anchors, Roadmap, RoadmapGuidance
 from guided_gym.guidance.search_space import Voronoi
 from guided_gym.kernels.nearest import GrowingIndex
 from guided_gym.kernels.shortest_paths import graph_from_edges
@@ -162,19 +162,18 @@ class PathDatabase(RoadmapGuidance):
         self.filtered += struck.size
         on_struck = np.isin(self._path_of[self.roadmap.edges[:, 0]], struck)
         self.roadmap.remove(np.flatnonzero(on_struck).astype(np.int32))
-        if self._anchors is not None:
-            self._look_again()
+        if self._anchored is not None:
+            self._look_again(self._anchored)
 
-    def _look_again(self) -> None:
+    def _look_again(self, nodes: AnchoredNodes) -> None:
         """Anchor anew the nodes that saw only paths which are gone."""
-        tree, anchors = self.search.tree, self._anchors
-        assert anchors is not None
-        n = self._anchored
-        had = (anchors.vertices[:n] >= 0).any(axis=1)
-        blind = np.flatnonzero(had & ~np.isfinite(self._values_of(anchors, n)))
-        for i in blind:
-            fresh = self.project(tree, tree._configurations[i : i + 1])
-            anchors.vertices[i], anchors.lengths[i] = fresh.vertices[0], fresh.lengths[0]
+        n = len(nodes)
+        had = (nodes.anchors.vertices[:n] >= 0).any(axis=1)
+        blind = np.flatnonzero(had & ~np.isfinite(self._values_of(nodes.anchors, n)))
+        for i in blind:  # one by one: `anchor` looks around the first of a batch
+            tree = self.search.tree
+            nodes.replace(np.array([i]), self.project(tree, tree._configurations[i : i + 1]))
+        nodes.stale(blind)
 
     def _sighted(self, tree: SearchTree) -> bool:
         """Whether some node sees a path; queries further while all queried paths are filtered out."""

@@ -16,7 +16,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from guided_gym.guidance.base import GuidingSpace
-from guided_gym.kernels.anchors import anchored_values, drop_anchors
+from guided_gym.kernels.anchors import (
+    anchored_values,
+    anchored_values_of,
+    drop_anchors,
+    link_anchors,
+    linked_nodes,
+)
 from guided_gym.kernels.shortest_paths import RoadmapGraph, ShortestPathTree
 
 if TYPE_CHECKING:
@@ -34,16 +40,6 @@ class Anchors:
 
     def __len__(self) -> int:
         return len(self.vertices)
-
-    def grown(self, rows: int) -> Anchors:
-        """A copy with room for that many rows."""
-        return Anchors(*(_grown(a, rows) for a in (self.vertices, self.lengths, self.edges)))
-
-
-def _grown(array: NDArray[Any], rows: int) -> NDArray[Any]:
-    out = np.zeros((rows, *array.shape[1:]), array.dtype)
-    out[: len(array)] = array
-    return out
 
 
 class Roadmap:
@@ -63,6 +59,7 @@ class Roadmap:
         self._graph = graph
         self.multipliers = np.ones(len(graph.edges))
         self.tree = ShortestPathTree.of(graph, goal)
+        self._changed: list[NDArray[np.integer[Any]]] = []
 
     @property
     def distance(self) -> NDArray[np.float64]:
@@ -73,16 +70,24 @@ class Roadmap:
         """Add a share of its length to the weight of some edges."""
         self.multipliers[edges] += share
         self.tree.raise_weights(edges, self.lengths[edges] * self.multipliers[edges])
+        self._changed += [self.tree.changed.copy(), self.edges[edges].ravel()]
 
     def remove(self, edges: NDArray[np.int32]) -> None:
         """Remove some edges."""
         self.multipliers[edges] = np.inf
         self.tree.remove_edges(edges)
+        self._changed.append(self.tree.changed.copy())
 
     def remove_vertices(self, vertices: NDArray[np.int64]) -> None:
         """Remove some vertices with all their edges."""
         indptr, edge_of = self._graph.indptr, self._graph.edge_of
         self.remove(np.concatenate([edge_of[indptr[v] : indptr[v + 1]] for v in vertices]))
+
+    def take_changes(self) -> NDArray[np.int64]:
+        """Vertices whose distance, or the weight of one of whose edges, has changed since the last call."""
+        changes = np.concatenate(self._changed).astype(np.int64) if self._changed else np.zeros(0, np.int64)
+        self._changed = []
+        return changes
 
     def graph(self) -> nx.Graph:
         """The roadmap as it stands, as a networkx graph: ``pos`` per vertex, ``weight`` per edge."""
@@ -118,8 +123,8 @@ class RoadmapGuidance(GuidingSpace):
 
     def forget(self) -> None:
         """Project all nodes anew."""
-        self._anchors: Anchors | None = None
-        self._anchored = 0
+        super().forget()
+        self._anchored: AnchoredNodes | None = None
 
     def project(self, tree: SearchTree, q: NDArray[np.float64]) -> Anchors:  # type: ignore[override]
         """P_T: the anchors that join each configuration to the roadmap."""
@@ -134,45 +139,49 @@ class RoadmapGuidance(GuidingSpace):
             states.vertices, states.lengths, states.edges, self.roadmap.multipliers, self.roadmap.distance, n
         )
 
+    def evaluate(self, tree: SearchTree, first: int, last: int) -> NDArray[np.float64]:
+        """(last - first,) h of the nodes that have come since; their anchors are kept."""
+        fresh = self.project(tree, tree._configurations[first:last])
+        if self._anchored is None:
+            self.roadmap.take_changes()
+            self._anchored = AnchoredNodes(fresh, len(self.roadmap.points))
+        else:
+            self._anchored.append(fresh)
+        return self.heuristic(fresh)
+
     def anchors(self, tree: SearchTree) -> Anchors:
         """The anchors of all nodes of the tree; at least ``len(tree)`` rows."""
-        n = len(tree)
-        if self._anchored < n or self._anchors is None:
-            fresh = self.project(tree, tree._configurations[self._anchored : n])
-            held = (
-                self._anchors.grown(2 * n) if self._anchors is not None and n > len(self._anchors) else None
-            )
-            if self._anchors is None:
-                held = fresh.grown(2 * n)
-            if held is not None:
-                self._anchors = held
-            assert self._anchors is not None
-            for name in ("vertices", "lengths", "edges"):
-                getattr(self._anchors, name)[self._anchored : n] = getattr(fresh, name)
-            self._anchored = n
-        return self._anchors
+        self.values(tree)
+        assert self._anchored is not None
+        return self._anchored.anchors
 
     def values(self, tree: SearchTree) -> NDArray[np.float64]:
         """(n,) h of each node, the penalty for its expansions so far included."""
-        h = self._values_of(self.anchors(tree), len(tree))
-        if self.expansion_penalty:
-            h += (self.expansion_penalty * self.planner.step) * (tree.failures + tree.children)
-        return h
+        if self._anchored is not None:
+            rows = self._anchored.affected(self.roadmap.take_changes())
+            if rows.size:
+                self._values.change(tree, rows, self._values_at(rows))
+        return super().values(tree)
 
-    def drop_near(self, tree: SearchTree, contacts: NDArray[np.float64], radius: float) -> None:
-        """Drop the nodes' anchors that pass within ``radius`` of the colliding configurations (f, d)."""
-        if self._anchors is not None:
-            drop_anchors(
-                tree._configurations,
-                self._anchored,
-                self._anchors.vertices,
-                self._anchors.lengths,
-                self.roadmap.points,
-                contacts,
-                radius,
-                self.space.weights,
-                self.space.periods,
-            )
+    def _values_at(self, rows: NDArray[np.int64]) -> NDArray[np.float64]:
+        assert self._anchored is not None
+        a = self._anchored.anchors
+        return anchored_values_of(
+            rows, a.vertices, a.lengths, a.edges, self.roadmap.multipliers, self.roadmap.distance
+        )
+
+    def drop_near(self, tree: SearchTree, contact: NDArray[np.float64], radius: float) -> None:
+        """Drop the nodes' anchors that pass within ``radius`` of a colliding configuration."""
+        nodes = self._anchored
+        if nodes is None:
+            return
+        rows = tree.index.within(contact, radius + nodes.longest)
+        rows = rows[rows < len(nodes)]
+        drop_anchors(
+            tree._configurations, rows, nodes.anchors.vertices, nodes.anchors.lengths, self.roadmap.points,
+            contact[None], radius, self.space.weights, self.space.periods,
+        )  # fmt: skip
+        nodes.stale(rows)
 
     def invalid_near(
         self, index: GrowingIndex, contact: NDArray[np.float64], reach: float
@@ -201,3 +210,69 @@ class RoadmapGuidance(GuidingSpace):
             "alive": np.isfinite(factor),
             "weights": np.where(np.isfinite(factor), factor, 1.0),
         }
+
+
+class AnchoredNodes:
+    """The anchors of a growing tree's nodes, and for each roadmap vertex the nodes that are anchored to it.
+
+    The lists tell which nodes a change of the roadmap concerns, so that it costs what it changes and not
+    what the tree holds.
+    """
+
+    def __init__(self, first: Anchors, roadmap_vertices: int) -> None:
+        self.anchors = Anchors(first.vertices[:0], first.lengths[:0], first.edges[:0])
+        self.longest = 0.0  # upper bound of the finite lengths
+        self._n = 0
+        self._head = np.full(roadmap_vertices, -1, np.int32)
+        self._node_of = np.zeros(0, np.int32)
+        self._following = np.zeros(0, np.int32)
+        self._links = 0
+        self._stale: list[NDArray[np.int64]] = []
+        self.append(first)
+
+    def __len__(self) -> int:
+        return self._n
+
+    def append(self, fresh: Anchors) -> None:
+        """Take in the anchors of the next nodes."""
+        first, last = self._n, self._n + len(fresh)
+        if last > len(self.anchors):
+            a = self.anchors
+            self.anchors = Anchors(*(_grown(x, 2 * last) for x in (a.vertices, a.lengths, a.edges)))
+        self._n = last
+        self.replace(np.arange(first, last), fresh, contiguous=True)
+
+    def replace(self, rows: NDArray[np.int64], fresh: Anchors, contiguous: bool = False) -> None:
+        """Give some nodes other anchors."""
+        a = self.anchors
+        where = slice(rows[0], rows[-1] + 1) if contiguous else rows
+        a.vertices[where], a.lengths[where], a.edges[where] = fresh.vertices, fresh.lengths, fresh.edges
+        finite = fresh.lengths[np.isfinite(fresh.lengths)]
+        if finite.size:
+            self.longest = max(self.longest, float(finite.max()))
+        needed = self._links + fresh.vertices.size
+        if needed > self._node_of.size:
+            self._node_of, self._following = (_grown(x, 2 * needed) for x in (self._node_of, self._following))
+        spans = [(int(rows[0]), int(rows[-1]) + 1)] if contiguous else [(int(i), int(i) + 1) for i in rows]
+        for first, last in spans:
+            self._links = link_anchors(
+                a.vertices, first, last, self._head, self._node_of, self._following, self._links
+            )
+
+    def stale(self, rows: NDArray[np.int64]) -> None:
+        """Note that h of these nodes has to be computed anew."""
+        self._stale.append(rows)
+
+    def affected(self, vertices: NDArray[np.int64]) -> NDArray[np.int64]:
+        """Nodes whose h has to be computed anew: anchored to one of the vertices, or stale."""
+        rows = self._stale
+        self._stale = []
+        if vertices.size:
+            rows.append(linked_nodes(vertices, self._head, self._node_of, self._following, self._n))
+        return np.concatenate(rows) if rows else np.zeros(0, np.int64)
+
+
+def _grown(array: NDArray[Any], rows: int) -> NDArray[Any]:
+    out = np.zeros((rows, *array.shape[1:]), array.dtype)
+    out[: len(array)] = array
+    return out

@@ -15,6 +15,7 @@ from guided_gym.kernels.metric import segment_separation, separation
 
 Floats = NDArray[np.float64]
 Int32s = NDArray[np.int32]
+Ints = NDArray[np.int64]
 
 
 @njit(cache=True)
@@ -36,8 +37,17 @@ def anchored_values(
         distance: (v,) length of the shortest path from each vertex to the goal.
         n: Number of configurations.
     """
-    out = np.empty(n)
-    for i in range(n):
+    return anchored_values_of(np.arange(n), vertices, lengths, edges, multipliers, distance)
+
+
+@njit(cache=True)
+def anchored_values_of(
+    rows: Ints, vertices: Int32s, lengths: Floats, edges: Int32s, multipliers: Floats, distance: Floats
+) -> Floats:
+    """Heuristic of some configurations, given by their ``rows``; see `anchored_values`."""
+    out = np.empty(rows.size)
+    for r in range(rows.size):
+        i = rows[r]
         best = np.inf
         for j in range(vertices.shape[1]):
             v = vertices[i, j]
@@ -45,14 +55,14 @@ def anchored_values(
                 e = edges[i, j]
                 length = lengths[i, j] if e < 0 else lengths[i, j] * multipliers[e]
                 best = min(best, length + distance[v])
-        out[i] = best
+        out[r] = best
     return out
 
 
 @njit(cache=True)
 def drop_anchors(
     q: Floats,
-    n: int,
+    rows: Ints,
     vertices: Int32s,
     lengths: Floats,
     points: Floats,
@@ -64,17 +74,17 @@ def drop_anchors(
     """Drop the anchors that pass within ``radius`` of a colliding configuration: their length becomes inf.
 
     Args:
-        q: (>= n, d) configurations.
-        n: Number of configurations.
-        vertices: (>= n, k) int32 roadmap vertex of each anchor; -1 for none.
-        lengths: (>= n, k) length of each anchor, changed in place.
+        q: (n, d) configurations.
+        rows: (r,) int64 those to look at.
+        vertices: (n, k) int32 roadmap vertex of each anchor; -1 for none.
+        lengths: (n, k) length of each anchor, changed in place.
         points: (v, d) roadmap vertices.
         contacts: (f, d) colliding configurations.
         radius: Distance within which an anchor is dropped.
         weights: (d,) weights of the distance.
         periods: (d,) periods, 0 for none.
     """
-    for i in range(n):
+    for i in rows:
         longest = -1.0
         for j in range(vertices.shape[1]):
             if vertices[i, j] >= 0 and lengths[i, j] < np.inf:
@@ -91,6 +101,53 @@ def drop_anchors(
                     continue
                 if segment_separation(q[i], points[v], contacts[f], weights, periods) <= radius:
                     lengths[i, j] = np.inf
+
+
+@njit(cache=True)
+def link_anchors(
+    vertices: Int32s, first: int, last: int, head: Int32s, node_of: Int32s, following: Int32s, count: int
+) -> int:
+    """Enter rows ``first`` to ``last`` into the lists, one per roadmap vertex, of who is anchored to it.
+
+    Args:
+        vertices: (>= last, k) int32 roadmap vertex of each anchor; -1 for none.
+        first: First row to enter.
+        last: One past the last.
+        head: (v,) int32 first link of each vertex's list; -1 for none.
+        node_of: (>= count + (last - first) k,) int32 row of each link.
+        following: The same length, int32 next link in the same list; -1 at its end.
+        count: Links so far.
+
+    Returns:
+        The new number of links.
+    """
+    for i in range(first, last):
+        for j in range(vertices.shape[1]):
+            v = vertices[i, j]
+            if v >= 0:
+                node_of[count], following[count], head[v] = i, head[v], count
+                count += 1
+    return count
+
+
+@njit(cache=True)
+def linked_nodes(changed: Ints, head: Int32s, node_of: Int32s, following: Int32s, n: int) -> Ints:
+    """The rows, ascending, that are anchored to one of the ``changed`` vertices; see `link_anchors`.
+
+    Args:
+        changed: (c,) int64 roadmap vertices.
+        head: (v,) int32 first link of each vertex's list.
+        node_of: int32 row of each link.
+        following: int32 next link in the same list.
+        n: Number of rows.
+    """
+    marked = np.zeros(n, np.bool_)
+    for v in changed:
+        link = head[v]
+        while link >= 0:
+            marked[node_of[link]] = True
+            link = following[link]
+    return np.nonzero(marked)[0]
 
 
 @njit(cache=True)

@@ -31,7 +31,7 @@ def test_drop_anchors__those_that_pass_near_and_no_others(seed: int, radius: flo
     lengths = np.hypot(*(q[:, None] - points[vertices]).transpose(2, 0, 1))
     lengths[rng.random((4, 3)) < 0.2] = np.inf
     before = lengths.copy()
-    drop_anchors(q, 3, vertices, lengths, points, contacts, radius, W, P)
+    drop_anchors(q, np.arange(3), vertices, lengths, points, contacts, radius, W, P)
     assert (lengths[3] == before[3]).all()  # only the first 3
     for i in range(3):
         for j in range(3):
@@ -43,7 +43,7 @@ def test_drop_anchors__those_that_pass_near_and_no_others(seed: int, radius: flo
 def test_drop_anchors__that_have_no_length() -> None:
     q = np.array([[1.0, 1.0]])
     lengths = np.zeros((1, 1))
-    drop_anchors(q, 1, np.zeros((1, 1), np.int32), lengths, q, np.array([[1.0, 1.1]]), 0.2, W, P)
+    drop_anchors(q, np.arange(1), np.zeros((1, 1), np.int32), lengths, q, np.array([[1.0, 1.1]]), 0.2, W, P)
     assert lengths[0, 0] == np.inf
 
 
