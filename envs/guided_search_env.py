@@ -167,7 +167,7 @@ class GuidedSearchEnv(gymnasium.Env[Observation, Action]):
         if split is not None:
             self.distribution = in_split(self.distribution, split)
         self.options = SearchOptions(
-            step, candidates, goal_tolerance, rewire, _checked_target(target), goal_edge
+            step, candidates, goal_tolerance, rewire, _checked_target(target, self.max_nodes), goal_edge
         )
         self.expansion = expansion  # as it was asked for; `expander` is who does it
         self.expander = _own_expander(expansion)
@@ -409,11 +409,16 @@ def _checked_sizes(max_nodes: int, max_samples: int | None) -> tuple[int, int]:
     return int(max_nodes), int(max_samples)
 
 
-def _checked_target(target: TargetParameters) -> TargetParameters:
+def _checked_target(target: TargetParameters, max_nodes: int) -> TargetParameters:
     if not isinstance(target, TargetParameters):
         raise InvalidInputError(f"target: expected TargetParameters, got {target!r}")
     if target.epsilon == 0:
         raise InvalidInputError("target: expected epsilon > 0 (log epsilon is a reward), got 0")
+    if target.epsilon * max_nodes >= 1:
+        # The target would be uniform there, and its SE worse than what an invalid action costs.
+        raise InvalidInputError(
+            f"max_nodes: expected fewer than 1 / epsilon = {1 / target.epsilon:g}, got {max_nodes}"
+        )
     return target
 
 

@@ -132,10 +132,16 @@ def claims_table(claims: list[ClaimResult]) -> Table:
     return table
 
 
+def claims_markdown(claims: list[ClaimResult]) -> str:
+    """The claims as a Markdown table, for a page."""
+    rows = [f"| {claim.statement} | {claim.figures} | {claim.verdict} |" for claim in claims]
+    return "\n".join(["| claim | figures | verdict |", "|---|---|---|", *rows, ""])
+
+
 def save_report(
     report: Report, folder: Path, *, figures: bool = True, drawn: Callable[[str], None] | None = None
 ) -> list[Path]:
-    """Write the tables (CSV, JSON) and draw the paper's evaluation figures; returns the files.
+    """Write the tables and the claims, and draw the paper's evaluation figures; returns the files.
 
     Args:
         report: What `reproduce` found.
@@ -148,6 +154,9 @@ def save_report(
     """
     written = [folder / RESULTS_FILE, *save(summarise(report.results), folder)]
     written += save_records([claim.record() for claim in report.claims], folder, "claims")
+    page = folder / "claims.md"
+    page.write_text(claims_markdown(report.claims), encoding="utf-8")
+    written.append(page)
     if figures:
         from guided_gym.train.drawing import draw_paper
 

@@ -309,6 +309,7 @@ def test_unknown_names_come_with_the_nearest(options, message):
     [
         ({"max_nodes": 10, "max_samples": 10}, "expected at least max_samples \\+ 1 = 11.*got 10"),
         ({"max_nodes": 1}, "max_nodes"),
+        ({"max_nodes": 10_000}, "fewer than 1 / epsilon = 10000, got 10000"),
         ({"max_nodes": 8.0}, "max_nodes"),
         ({"max_samples": 0}, "max_samples"),
         ({"raster": 0}, "raster"),

@@ -45,6 +45,7 @@ def test_reproduce__runs_checks_draws_and_resumes(tmp_path: Path) -> None:
     written = json.loads((tmp_path / "claims.json").read_text())
     assert len(written) == len(all_claims())
     assert {row["verdict"] for row in written} <= {"holds", "does not hold"}
+    assert (tmp_path / "claims.md").read_text().count("\n") == len(written) + 2
     drawn = {path.stem for path in (tmp_path / "figures").glob("*.png")}
     assert {"problems", "rrt-efficiency", "TrapCup-regions", "database", "paper-trees"} <= drawn
     again = CliRunner().invoke(cli.app, [*command, "--no-figures"])
