@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import time
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -203,7 +204,7 @@ class Search:
             raise InvalidInputError(f"node: expected 0 to {len(self.tree) - 1}, got {node!r}")
         if not (type(target) is np.ndarray and target.dtype == np.float64 and target.flags.carray):
             target = np.require(target, np.float64, ["C", "W"])
-        if target.shape != self.start.shape or not np.isfinite(target).all():
+        if target.shape != self.start.shape or not all(map(math.isfinite, target.tolist())):
             raise InvalidInputError(f"target: expected {self.start.size} finite numbers, got {target!r}")
         return target
 
