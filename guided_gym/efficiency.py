@@ -142,7 +142,8 @@ def entropy(samples: ArrayLike, bins: int, bounds: ArrayLike) -> float:
         bins: Cells along each axis of the histogram.
         bounds: (d, 2) range of each axis.
     """
-    counts, _ = np.histogramdd(np.asarray(samples, np.float64), bins, np.asarray(bounds, np.float64))
+    ranges = [(float(low), float(high)) for low, high in np.asarray(bounds, np.float64)]
+    counts, _ = np.histogramdd(np.asarray(samples, np.float64), bins, ranges)
     p = counts[counts > 0] / counts.sum()
     return float(-np.sum(p * np.log(p)))
 

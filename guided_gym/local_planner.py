@@ -52,7 +52,8 @@ class LocalPlanner:
 
     def uniform(self, q: NDArray[np.float64]) -> NDArray[np.float64]:
         """(d,) one configuration drawn uniformly from N_C(q)."""
-        return self.candidates(q, 1)[0]
+        candidate: NDArray[np.float64] = self.candidates(q, 1)[0]
+        return candidate
 
     def steer(self, q: NDArray[np.float64], towards: NDArray[np.float64]) -> NDArray[np.float64]:
         """(d,) the configuration of N_C(q) nearest to ``towards`` on the straight motion to it."""

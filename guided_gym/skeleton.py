@@ -45,13 +45,13 @@ def skeleton_graph(environment: Environment) -> nx.Graph:
     return _pruned(_graph_of(tails, heads, environment), _PRUNE * spacing)
 
 
-def _graph_of(tails: NDArray, heads: NDArray, environment: Environment) -> nx.Graph:
+def _graph_of(tails: NDArray[np.float64], heads: NDArray[np.float64], environment: Environment) -> nx.Graph:
     digits = 9 - int(np.ceil(np.log10(max(environment.extent, 1e-300))))
     keys = np.round(np.concatenate([tails, heads]), digits)
     points, ids = np.unique(keys, axis=0, return_inverse=True)
     ids = ids.ravel()
     graph = nx.Graph()
-    clearance = environment.clearance(points) if len(points) else []
+    clearance = environment.clearance(points) if len(points) else np.zeros(0)
     for i, (p, c) in enumerate(zip(points.tolist(), clearance, strict=True)):
         graph.add_node(i, pos=(p[0], p[1]), clearance=float(c))
     pairs = ids.reshape(2, -1).T

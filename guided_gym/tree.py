@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Final
+from typing import TYPE_CHECKING, Any, Final, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,8 +16,12 @@ if TYPE_CHECKING:
 NO_PARENT: Final = -1
 ROOT: Final = 0
 
+Floats = NDArray[np.float64]
+Int32s = NDArray[np.int32]
+_Array = TypeVar("_Array", bound=NDArray[Any])
 
-def _readonly(array: NDArray) -> NDArray:
+
+def _readonly(array: _Array) -> _Array:
     view = array.view()
     view.flags.writeable = False
     return view
@@ -186,14 +190,21 @@ class SearchTree:
         self.rewirings += 1
 
     @property
-    def node_arrays(self) -> tuple[NDArray, ...]:
+    def node_arrays(self) -> tuple[Floats, Int32s, Floats, Int32s, Int32s, Int32s]:
         """The node arrays with their spare rows, for kernels that append (see `reserve` and `grown`)."""
-        return tuple(getattr(self, name) for name in _NODE_ARRAYS)
+        return (
+            self._configurations,
+            self._parents,
+            self._costs,
+            self._depths,
+            self._children,
+            self._failures,
+        )
 
     @property
-    def failure_arrays(self) -> tuple[NDArray, ...]:
+    def failure_arrays(self) -> tuple[Int32s, Floats, Floats]:
         """The failure arrays with their spare rows, likewise."""
-        return tuple(getattr(self, name) for name in _FAILURE_ARRAYS)
+        return self._failed_nodes, self._failed_targets, self._contacts
 
     def reserve(self, extra: int) -> None:
         """Make room for that many more nodes and failures."""
@@ -220,7 +231,7 @@ _NODE_ARRAYS = ("_configurations", "_parents", "_costs", "_depths", "_children",
 _FAILURE_ARRAYS = ("_failed_nodes", "_failed_targets", "_contacts")
 
 
-def _doubled(array: NDArray) -> NDArray:
+def _doubled(array: _Array) -> _Array:
     grown = np.zeros((2 * array.shape[0], *array.shape[1:]), array.dtype)
     grown[: array.shape[0]] = array
     return grown

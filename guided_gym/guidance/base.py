@@ -99,7 +99,8 @@ class GuidingSpace(ABC):
             p[int(np.argmin(h))] = 1.0
             return p
         p = np.exp((lowest - h) / (self.temperature * self.planner.step))
-        return p / p.sum()
+        p /= p.sum()
+        return p
 
     def select(self, tree: SearchTree) -> int:
         """The node to expand: x_min = argmin h(P_T(v)), or a draw from P if there is a temperature.
@@ -115,7 +116,8 @@ class GuidingSpace(ABC):
     def propose(self, tree: SearchTree, node: int) -> NDArray[np.float64]:
         """(d,) x_new: the member of N_C(v) with the least h, among the local planner's candidates."""
         candidates = self.planner.candidates(tree._configurations[node])
-        return candidates[int(np.argmin(self.heuristic(self.project(tree, candidates))))]
+        best: NDArray[np.float64] = candidates[np.argmin(self.heuristic(self.project(tree, candidates)))]
+        return best
 
 
 class NodeValues:

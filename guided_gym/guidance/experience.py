@@ -95,7 +95,7 @@ class PathDatabase(RoadmapGuidance):
         """The roadmap of the next most similar tasks' paths: a chain per path, on to the goal."""
         start, goal = self.search.start, self.goal
         wanted = min(self.queried + self.similar, len(self.library))
-        ids = self.library.most_similar(start, goal, wanted)[self.queried :] if wanted else []
+        ids = self.library.most_similar(start, goal, wanted)[self.queried :] if wanted else np.zeros(0, int)
         self.queried = wanted
         spacing = self.radius * self.planner.step
         # On to the goal: what joins a path to it is to be filtered like the path itself.
@@ -198,4 +198,5 @@ class PathDatabase(RoadmapGuidance):
         if not np.isfinite(self.values(tree)[node]):
             return self._fallback.propose(tree, node)
         candidates = self.planner.candidates(tree._configurations[node])
-        return candidates[int(np.argmin(self.heuristic(self.anchor(candidates))))]
+        best: NDArray[np.float64] = candidates[np.argmin(self.heuristic(self.anchor(candidates)))]
+        return best

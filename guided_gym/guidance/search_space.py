@@ -118,7 +118,8 @@ class Voronoi(GuidingSpace):
         if self._next == len(self._buffer):
             self._buffer, self._next = self.space.sample(self.rng, _BLOCK), 0
         self._next += 1
-        return self._buffer[self._next - 1]
+        sample: NDArray[np.float64] = self._buffer[self._next - 1]
+        return sample
 
     def select(self, tree: SearchTree) -> int:
         """The node nearest to a uniform sample of C."""
