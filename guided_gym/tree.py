@@ -231,7 +231,7 @@ _NODE_ARRAYS = ("_configurations", "_parents", "_costs", "_depths", "_children",
 _FAILURE_ARRAYS = ("_failed_nodes", "_failed_targets", "_contacts")
 
 
-def _doubled(array: _Array) -> _Array:
+def _doubled(array: NDArray[Any]) -> NDArray[Any]:
     grown = np.zeros((2 * array.shape[0], *array.shape[1:]), array.dtype)
     grown[: array.shape[0]] = array
     return grown

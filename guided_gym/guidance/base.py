@@ -95,10 +95,10 @@ class GuidingSpace(ABC):
         if not np.isfinite(lowest):
             return np.full(h.size, 1.0 / h.size)
         if self.temperature == 0:
-            p = np.zeros(h.size)
-            p[int(np.argmin(h))] = 1.0
-            return p
-        p = np.exp((lowest - h) / (self.temperature * self.planner.step))
+            certain = np.zeros(h.size)
+            certain[int(np.argmin(h))] = 1.0
+            return certain
+        p: NDArray[np.float64] = np.exp((lowest - h) / (self.temperature * self.planner.step))
         p /= p.sum()
         return p
 
