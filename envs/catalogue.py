@@ -1,7 +1,7 @@
-"""The catalogue of problems: the paper's four problems and its distribution (paper, Experiments).
+"""The catalogue: the paper's four problems and its distribution (paper, Experiments), and more to learn from.
 
-All of them move a 0.8 x 0.3 rectangle through a 10 x 10 workspace. Each is a `ProblemDistribution`; the
-fixed ones give one problem for every seed.
+The paper's move a 0.8 x 0.3 rectangle through a 10 x 10 workspace. Each is a `ProblemDistribution`; the fixed
+ones give one problem for every seed.
 """
 
 from __future__ import annotations
@@ -14,49 +14,16 @@ from shapely.geometry import Polygon, box
 from shapely.geometry.base import BaseGeometry
 
 from guided_gym.environment import Environment
+from guided_gym.envs.mazes import hard_point_maze, hard_stick_maze, random_maze, random_point_maze
+from guided_gym.envs.next_mazes import next_point, next_stick
+from guided_gym.envs.shapes import SIZE, columns, cup, rectangle_robot, wall
 from guided_gym.errors import UnknownNameError
 from guided_gym.problems import FixedProblem, Problem, ProblemDistribution, SampledProblems, Task
-from guided_gym.robots import Robot
 from guided_gym.splits import in_split
 
-SIZE = 10.0
-ROBOT_LENGTH, ROBOT_WIDTH = 0.8, 0.3
 PASSAGE_WIDTH = 0.9  # the robot fits with 0.3 to spare on either side
 DETOUR_WIDTH = 1.4  # the way round a trap is not narrow
 TRAP_WIDTH = 0.2  # a point fits, the robot never does
-
-
-def rectangle_robot() -> Robot:
-    """The paper's rectangular mobile base."""
-    return Robot.rectangle(ROBOT_LENGTH, ROBOT_WIDTH)
-
-
-def wall(x0: float, x1: float, *gaps: tuple[float, float]) -> list[Polygon]:
-    """A wall across the workspace between x0 and x1, open at each (centre, width) of ``gaps``."""
-    pieces, bottom = [], 0.0
-    for centre, width in sorted(gaps):
-        pieces.append(box(x0, bottom, x1, centre - width / 2))
-        bottom = centre + width / 2
-    pieces.append(box(x0, bottom, x1, SIZE))
-    return pieces
-
-
-def cup(x0: float, x1: float, y0: float, y1: float, thickness: float) -> list[Polygon]:
-    """A C-shaped obstacle, open to the left: a dead end for who comes from there."""
-    return [
-        box(x0, y0, x1, y0 + thickness),
-        box(x0, y1 - thickness, x1, y1),
-        box(x1 - thickness, y0 + thickness, x1, y1 - thickness),
-    ]
-
-
-def columns(**edges: float) -> dict[str, BaseGeometry]:
-    """Regions that are columns of the workspace: each name with its right edge, from left to right."""
-    regions, left = {}, 0.0
-    for name, right in edges.items():
-        regions[name] = box(left, 0.0, right, SIZE)
-        left = right
-    return regions
 
 
 def _problem(
@@ -134,6 +101,16 @@ _CATALOGUE: dict[str, Callable[[], ProblemDistribution]] = {
     "Trap": _fixed(trap),
     "TrapCup": _fixed(trap_cup),
     "RandomSimplePassage": _drawn("RandomSimplePassage", random_simple_passage),
+    "RandomMaze": _drawn("RandomMaze", random_maze),
+    "RandomPointMaze": _drawn("RandomPointMaze", random_point_maze),
+    "HardPointMaze": _drawn("HardPointMaze", hard_point_maze),
+    "HardStickMaze": _drawn("HardStickMaze", hard_stick_maze),
+}
+
+# Known by name but not listed: they need files that do not come with the package.
+_FROM_FILES: dict[str, Callable[[], ProblemDistribution]] = {
+    "NextPoint": next_point,
+    "NextStick": next_stick,
 }
 
 
@@ -154,10 +131,12 @@ def make_distribution(name: str) -> ProblemDistribution:
 
     Raises:
         UnknownNameError: No such name; the nearest one is suggested.
+        StorageError: The distribution's file cannot be read.
     """
     if "@" in name and name not in _CATALOGUE:
         whole, _, split = name.rpartition("@")
         return in_split(make_distribution(whole), split)
-    if name not in _CATALOGUE:
-        raise UnknownNameError("environment", name, _CATALOGUE)
-    return _CATALOGUE[name]()
+    known = _FROM_FILES | _CATALOGUE
+    if name not in known:
+        raise UnknownNameError("environment", name, known)
+    return known[name]()

@@ -23,6 +23,7 @@ if TYPE_CHECKING:
     from guided_gym.problems import Problem, ProblemDistribution
     from guided_gym.search import SearchOptions
 
+PROBLEM_MODULES = ("catalogue", "grids", "mazes", "next_mazes", "placement", "shapes")  # of envs
 DATABASE_GUIDANCE = "path_database"  # the guidance that ``--database`` is for
 
 
@@ -198,7 +199,7 @@ def _database_content(path: str, changed: int, limit: int | None) -> str:
 
 @cache
 def code_fingerprint() -> str:
-    """Version of the package and hash of its core's and catalogue's source."""
+    """Version of the package and hash of the source of its core and of its problems."""
     import guided_gym
     import guided_gym.envs.catalogue as catalogue
 
@@ -206,7 +207,8 @@ def code_fingerprint() -> str:
     files = sorted(folder.rglob("*.py")) if folder.is_dir() else []
     core = [file for file in files if file.relative_to(folder).parts[0] not in ("envs", "agents", "train")]
     digest = hashlib.sha256()
-    for file in [*core, Path(catalogue.__file__)]:
+    problems = [Path(catalogue.__file__).with_name(f"{name}.py") for name in PROBLEM_MODULES]
+    for file in [*core, *problems]:
         digest.update(file.read_bytes() if file.is_file() else b"")
     return f"{package_version()} {digest.hexdigest()[:16]}"
 
