@@ -34,6 +34,10 @@ _GUIDANCE: dict[str, type[GuidingSpace]] = {
     )
 }
 
+# Families of guiding spaces, ``"family:member"``: the module whose `guidance_class` knows the members. It is
+# imported by name, on demand, since the core imports nothing of the rooms above it.
+_FAMILIES = {"learned": "guided_gym.agents.learned"}
+
 
 def register_guidance(cls: type[GuidingSpace]) -> type[GuidingSpace]:
     """Class decorator: makes a guiding space known under its ``name``, everywhere a name is taken.
@@ -55,12 +59,17 @@ def guidance_names() -> list[str]:
 
 
 def guidance_class(name: str) -> type[GuidingSpace]:
-    """The class behind a name, or behind ``"package.module:Class"``.
+    """The class behind a name, behind ``"package.module:Class"``, or behind ``"learned:NAME"``.
 
     Raises:
         UnknownNameError: No such name; the nearest one is suggested.
+        StorageError: A learned agent whose files cannot be used.
         InvalidInputError: The module or class cannot be imported or is no guiding space.
     """
+    family, _, member = name.partition(":")
+    if family in _FAMILIES and ":" in name:
+        cls: type[GuidingSpace] = importlib.import_module(_FAMILIES[family]).guidance_class(member)
+        return cls
     if ":" in name:
         module, _, attribute = name.partition(":")
         try:
@@ -79,7 +88,8 @@ def make_guidance(guidance: GuidingSpace | str, **options: Any) -> GuidingSpace:
     """A guiding space from its name.
 
     Args:
-        guidance: A name (`guidance_names`), ``"package.module:Class"``, several joined by ``+`` for a
+        guidance: A name (`guidance_names`), ``"learned:NAME"`` for a learned agent (shipped, or a folder),
+            ``"package.module:Class"``, several joined by ``+`` for a
             `Hybrid` of them, or a guiding space, which is returned as it is.
         **options: Passed to the class.
 

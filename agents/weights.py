@@ -1,0 +1,231 @@
+"""Weights of learned agents: one safetensors file and one JSON card beside it. Nothing is ever unpickled.
+
+The safetensors format is simple (a length, a JSON header, raw numbers), so it is read and written here with
+every field checked: a plain install needs no further package to run a learned agent.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import math
+import os
+import tempfile
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any, Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from guided_gym.errors import InvalidInputError, StorageError
+
+Tensors = dict[str, NDArray[Any]]
+
+CARD_FILE: Final = "card.json"
+WEIGHTS_FILE: Final = "weights.safetensors"
+CARD_FORMAT: Final = 1
+
+_DTYPES: Final[dict[str, np.dtype[Any]]] = {
+    "F16": np.dtype("<f2"),
+    "F32": np.dtype("<f4"),
+    "F64": np.dtype("<f8"),
+    "I32": np.dtype("<i4"),
+    "I64": np.dtype("<i8"),
+    "U8": np.dtype("u1"),
+}
+_NAMES: Final = {dtype: name for name, dtype in _DTYPES.items()}
+_LARGEST_HEADER: Final = 10_000_000
+_REQUIRED: Final = ("format", "kind", "name", "package_version", "field", "scorer", "training", "metrics")
+
+
+def pack_tensors(tensors: Mapping[str, NDArray[Any]], metadata: Mapping[str, str] | None = None) -> bytes:
+    """The bytes of a safetensors file.
+
+    Raises:
+        InvalidInputError: A tensor of a type that the format lacks here.
+    """
+    header: dict[str, Any] = {"__metadata__": dict(metadata)} if metadata else {}
+    blobs: list[bytes] = []
+    start = 0
+    for name in sorted(tensors):
+        array = np.asarray(tensors[name])
+        kind = _NAMES.get(array.dtype.newbyteorder("<") if array.dtype.itemsize > 1 else array.dtype)
+        if kind is None:
+            raise InvalidInputError(f"tensor {name!r}: expected one of {sorted(_DTYPES)}, got {array.dtype}")
+        blob = array.astype(_DTYPES[kind], copy=False).tobytes()
+        header[name] = {
+            "dtype": kind,
+            "shape": list(array.shape),
+            "data_offsets": [start, start + len(blob)],
+        }
+        blobs.append(blob)
+        start += len(blob)
+    text = json.dumps(header, separators=(",", ":")).encode()
+    text += b" " * (-len(text) % 8)
+    return len(text).to_bytes(8, "little") + text + b"".join(blobs)
+
+
+def unpack_tensors(data: bytes, where: str | Path = "weights") -> Tensors:
+    """The tensors of a safetensors file, every field of its header checked.
+
+    Raises:
+        StorageError: The bytes are truncated, a pickle, or no safetensors file for another reason.
+    """
+    header, body = _header(data, where)
+    tensors: Tensors = {}
+    used = 0
+    for name, entry in sorted(header.items(), key=lambda item: _offset(item[1])):
+        try:
+            dtype = _DTYPES[entry["dtype"]]
+            shape = tuple(entry["shape"])
+            begin, end = entry["data_offsets"]
+            whole = all(type(n) is int and n >= 0 for n in (*shape, begin, end))
+        except (KeyError, TypeError, ValueError):
+            raise StorageError(f"{where}: tensor {name!r} has a damaged entry: {entry!r}") from None
+        if not whole or begin != used or end - begin != dtype.itemsize * math.prod(shape):
+            raise StorageError(f"{where}: tensor {name!r} has a damaged entry: {entry!r}")
+        if end > len(body):
+            raise StorageError(
+                f"{where}: expected {end} bytes of tensors, got {len(body)}; the file is truncated"
+            )
+        tensors[name] = np.frombuffer(body[begin:end], dtype).reshape(shape).copy()
+        used = end
+    if used != len(body):
+        raise StorageError(f"{where}: expected {used} bytes of tensors, got {len(body)}")
+    return tensors
+
+
+def _offset(entry: Any) -> int:
+    try:
+        return int(entry["data_offsets"][0])
+    except (KeyError, TypeError, ValueError, IndexError):
+        return 0
+
+
+def _header(data: bytes, where: str | Path) -> tuple[dict[str, Any], memoryview]:
+    if data[:1] == b"\x80" or data[:2] == b"PK":
+        raise StorageError(
+            f"{where}: expected a safetensors file, got a pickle or zip; those can run code and are not read"
+        )
+    length = int.from_bytes(data[:8], "little")
+    if len(data) < 8 or length > min(_LARGEST_HEADER, len(data) - 8):
+        raise StorageError(
+            f"{where}: expected a safetensors file, got {len(data)} bytes that are truncated or foreign"
+        )
+    try:
+        header = json.loads(data[8 : 8 + length].decode("utf-8"))
+    except (UnicodeDecodeError, ValueError, RecursionError):
+        raise StorageError(f"{where}: expected a safetensors file, got one without a JSON header") from None
+    if not isinstance(header, dict):
+        raise StorageError(f"{where}: expected a safetensors header, got {type(header).__name__}")
+    header.pop("__metadata__", None)
+    return header, memoryview(data)[8 + length :]
+
+
+def write_atomically(file: Path, data: bytes) -> None:
+    """Write a file whole or not at all, whenever the process is killed.
+
+    Raises:
+        StorageError: The place cannot be written.
+    """
+    try:
+        file.parent.mkdir(parents=True, exist_ok=True)
+        handle, name = tempfile.mkstemp(dir=file.parent, prefix=f".{file.name}.")
+        try:
+            with os.fdopen(handle, "wb") as stream:
+                stream.write(data)
+                stream.flush()
+                os.fsync(stream.fileno())
+            os.chmod(name, 0o644)
+            os.replace(name, file)
+        except BaseException:
+            Path(name).unlink(missing_ok=True)
+            raise
+    except OSError as error:
+        raise StorageError(f"cannot write {file}: {error}") from error
+
+
+def read_bytes(file: Path, what: str) -> bytes:
+    """A file's content.
+
+    Raises:
+        StorageError: It is missing or cannot be read.
+    """
+    try:
+        return file.read_bytes()
+    except OSError as error:
+        raise StorageError(f"expected {what} at {file}: {error.strerror or error}") from error
+
+
+def save_agent(folder: Path, card: Mapping[str, Any], tensors: Mapping[str, NDArray[Any]]) -> None:
+    """Write an agent: its weights, then the card that names them by their hash.
+
+    Raises:
+        StorageError: The folder cannot be written.
+    """
+    data = pack_tensors(tensors)
+    content = {"format": CARD_FORMAT, "kind": "guided-gym agent", **card}
+    content["weights_sha256"] = hashlib.sha256(data).hexdigest()
+    write_atomically(folder / WEIGHTS_FILE, data)
+    write_atomically(folder / CARD_FILE, (json.dumps(content, indent=2) + "\n").encode())
+
+
+def load_card(folder: Path) -> dict[str, Any]:
+    """The card of an agent.
+
+    Raises:
+        StorageError: There is none, or it is not one of ours, or of another format.
+    """
+    file = folder / CARD_FILE
+    try:
+        card = json.loads(read_bytes(file, "an agent's card").decode("utf-8"))
+    except (UnicodeDecodeError, ValueError, RecursionError) as error:
+        raise StorageError(f"{file}: expected JSON, got something else: {error}") from None
+    if not isinstance(card, dict) or card.get("kind") != "guided-gym agent":
+        raise StorageError(f"{file}: expected the card of a guided-gym agent, got another JSON file")
+    if card.get("format") != CARD_FORMAT:
+        raise StorageError(f"{file}: expected card format {CARD_FORMAT}, got {card.get('format')!r}")
+    missing = [key for key in _REQUIRED if key not in card]
+    if missing:
+        raise StorageError(f"{file}: expected the entries {', '.join(_REQUIRED)}; missing: {missing}")
+    return card
+
+
+def load_agent(folder: Path) -> tuple[dict[str, Any], Tensors]:
+    """Card and tensors of an agent.
+
+    Raises:
+        StorageError: A file is missing, truncated, foreign, or not the one that the card was written for.
+    """
+    card = load_card(folder)
+    file = folder / WEIGHTS_FILE
+    data = read_bytes(file, "an agent's weights")
+    tensors = unpack_tensors(data, file)
+    found = hashlib.sha256(data).hexdigest()
+    if card.get("weights_sha256") != found:
+        raise StorageError(
+            f"{file}: expected the weights that {CARD_FILE} names (sha256 {card.get('weights_sha256')}), "
+            f"got others (sha256 {found})"
+        )
+    return card, tensors
+
+
+def check_tensors(tensors: Tensors, expected: Mapping[str, tuple[int, ...]], where: str | Path) -> None:
+    """Refuse tensors that do not fit the architecture.
+
+    Raises:
+        StorageError: One is missing, too many, of another shape, or not finite.
+    """
+    for name, shape in expected.items():
+        if name not in tensors:
+            raise StorageError(f"{where}: expected a tensor {name!r} of shape {shape}, got none")
+        if tensors[name].shape != shape:
+            raise StorageError(
+                f"{where}: expected tensor {name!r} of shape {shape}, got {tensors[name].shape}"
+            )
+        if not np.isfinite(tensors[name]).all():
+            raise StorageError(f"{where}: expected finite numbers in tensor {name!r}, got NaN or infinity")
+    extra = sorted(set(tensors) - set(expected))
+    if extra:
+        raise StorageError(f"{where}: expected the architecture's tensors only, got {extra} too")
