@@ -14,9 +14,11 @@ from shapely.geometry import Polygon, box
 from shapely.geometry.base import BaseGeometry
 
 from guided_gym.environment import Environment
+from guided_gym.envs.clutter import random_clutter
 from guided_gym.envs.mazes import hard_point_maze, hard_stick_maze, random_maze, random_point_maze
 from guided_gym.envs.next_mazes import next_point, next_stick
 from guided_gym.envs.shapes import SIZE, columns, cup, rectangle_robot, wall
+from guided_gym.envs.trap_cups import random_trap_cup
 from guided_gym.errors import UnknownNameError
 from guided_gym.problems import FixedProblem, Problem, ProblemDistribution, SampledProblems, Task
 from guided_gym.splits import in_split
@@ -101,6 +103,8 @@ _CATALOGUE: dict[str, Callable[[], ProblemDistribution]] = {
     "Trap": _fixed(trap),
     "TrapCup": _fixed(trap_cup),
     "RandomSimplePassage": _drawn("RandomSimplePassage", random_simple_passage),
+    "RandomTrapCup": _drawn("RandomTrapCup", random_trap_cup),
+    "RandomClutter": _drawn("RandomClutter", random_clutter),
     "RandomMaze": _drawn("RandomMaze", random_maze),
     "RandomPointMaze": _drawn("RandomPointMaze", random_point_maze),
     "HardPointMaze": _drawn("HardPointMaze", hard_point_maze),

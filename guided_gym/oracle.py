@@ -122,6 +122,14 @@ class Oracle:
                 costs[missing] = self._finer.cost_to_go(qs[missing])
         return costs
 
+    def connects(self, q: Configurations) -> bool:
+        """Whether this grid joins the configuration q to the goal; no finer one is tried.
+
+        Raises:
+            InvalidInputError: q is not valid.
+        """
+        return math.isfinite(cost_to_go_one(_valid_configuration(self.space, q, "configuration"), self.state))
+
     @property
     def field(self) -> npt.NDArray[np.float32]:
         """The solution at the vertices, shape `resolution`; infinite in collision and where not connected."""
@@ -276,18 +284,32 @@ def oracle_for(
         InvalidInputError: As `Oracle`.
         NoPathError: As `Oracle`, if a start is given.
     """
-    key = (
-        space.fingerprint(),
-        np.asarray(goal, dtype=np.float64).tobytes(),
-        None if start is None else np.asarray(start, dtype=np.float64).tobytes(),
-    )
+    key = _memory_key(space, goal, start)
     with _lock:
         if key in _remembered:
             _remembered.move_to_end(key)
             return _remembered[key]
     oracle = Oracle(space, goal, start=start)
+    remember(oracle, start)
+    return oracle
+
+
+def remember(oracle: Oracle, start: Configurations | None = None) -> None:
+    """Have `oracle_for` find this oracle in memory, for its goal and a start that it connects.
+
+    For oracles that were solved elsewhere, like in another process; the least recently used are forgotten.
+    """
     with _lock:
-        _remembered[key] = oracle
+        _remembered[_memory_key(oracle.space, oracle.goal, start)] = oracle
         while len(_remembered) > _REMEMBERED:
             _remembered.popitem(last=False)
-    return oracle
+
+
+def _memory_key(
+    space: ConfigurationSpace, goal: Configurations, start: Configurations | None
+) -> tuple[str, bytes, bytes | None]:
+    return (
+        space.fingerprint(),
+        np.asarray(goal, dtype=np.float64).tobytes(),
+        None if start is None else np.asarray(start, dtype=np.float64).tobytes(),
+    )

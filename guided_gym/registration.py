@@ -16,6 +16,8 @@ ENVIRONMENTS: Final[dict[str, str]] = {
     "guided_gym/Trap-v0": "Trap",
     "guided_gym/TrapCup-v0": "TrapCup",
     "guided_gym/RandomSimplePassage-v0": "RandomSimplePassage",
+    "guided_gym/RandomTrapCup-v0": "RandomTrapCup",
+    "guided_gym/RandomClutter-v0": "RandomClutter",
     "guided_gym/RandomMaze-v0": "RandomMaze",
     "guided_gym/RandomPointMaze-v0": "RandomPointMaze",
     "guided_gym/HardPointMaze-v0": "HardPointMaze",

@@ -23,7 +23,10 @@ if TYPE_CHECKING:
     from guided_gym.problems import Problem, ProblemDistribution
     from guided_gym.search import SearchOptions
 
-PROBLEM_MODULES = ("catalogue", "grids", "mazes", "next_mazes", "placement", "shapes")  # of envs
+# Modules of envs that decide what the problems are.
+PROBLEM_MODULES = (
+    "catalogue", "clutter", "grids", "mazes", "next_mazes", "placement", "shapes", "trap_cups",
+)  # fmt: skip
 DATABASE_GUIDANCE = "path_database"  # the guidance that ``--database`` is for
 
 
