@@ -12,6 +12,7 @@ from guided_gym.envs.observations import (
     rollout_bytes,
     valid_nodes,
 )
+from guided_gym.envs.pool import ProblemPool
 from guided_gym.envs.rewards import Choice, EfficiencyReward, JensenShannonReward, Reward
 from guided_gym.envs.wrappers import GraphObservation
 
@@ -23,6 +24,7 @@ __all__ = [
     "JensenShannonReward",
     "NodeColumn",
     "Observer",
+    "ProblemPool",
     "Reward",
     "TreeObservation",
     "distribution_names",

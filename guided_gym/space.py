@@ -90,6 +90,13 @@ class ConfigurationSpace:
             robot.pieces, environment.pieces, environment.bounds, self.tolerance
         )
 
+    def __setstate__(self, state: dict[str, object]) -> None:
+        """Unpickled arrays are writable; ours are not, and the kernels would compile for both."""
+        for name, value in state.items():
+            if isinstance(value, np.ndarray):
+                value.flags.writeable = False
+            setattr(self, name, value)
+
     def __repr__(self) -> str:
         obstacles = len(self.environment.obstacles)
         return f"ConfigurationSpace({self.robot.name}, {obstacles} obstacles, d={self.dimension})"

@@ -15,6 +15,11 @@ from typing import Protocol, TypeVar
 
 from guided_gym.errors import GuidedGymError, InvalidInputError
 
+WORKER_DIED = (
+    "expected the worker processes to live, but one died (killed, out of memory, or started from a script "
+    "without `if __name__ == '__main__':`)"
+)
+
 T = TypeVar("T")
 R = TypeVar("R")
 
@@ -56,35 +61,49 @@ def worker_pool(workers: int, prepare: Callable[[], None] | None = None) -> Iter
         InvalidInputError: workers is not positive, or what they are to run is not importable.
         GuidedGymError: A worker died.
     """
-    if workers < 1:
-        raise InvalidInputError(f"workers: expected at least 1, got {workers!r}")
     if workers == 1:
         if prepare is not None:
             prepare()
         yield _in_order
         return
+    pool = start_workers(workers, prepare)
+    try:
+        yield _Mapper(pool, workers * _WINDOW_PER_WORKER)
+        pool.shutdown()
+    except BrokenProcessPool as error:
+        raise GuidedGymError(f"{WORKER_DIED}; what was finished is kept") from error
+    except BaseException:
+        # Whoever pressed Ctrl-C does not want to wait for the tasks at hand.
+        stop_workers(pool)
+        raise
+
+
+def start_workers(
+    workers: int, prepare: Callable[[], None] | None = None
+) -> concurrent.futures.ProcessPoolExecutor:
+    """Worker processes as in `worker_pool`, for whoever hands out tasks and stops them by hand.
+
+    Raises:
+        InvalidInputError: workers is not positive, or ``prepare`` is not importable.
+    """
+    if workers < 1:
+        raise InvalidInputError(f"workers: expected at least 1, got {workers!r}")
     _check_importable(prepare)
-    before = set(multiprocessing.active_children())
-    pool = concurrent.futures.ProcessPoolExecutor(
+    return concurrent.futures.ProcessPoolExecutor(
         workers,
         mp_context=multiprocessing.get_context("spawn"),
         initializer=_start_worker,
         initargs=(prepare,),
     )
-    try:
-        yield _Mapper(pool, workers * _WINDOW_PER_WORKER)
-        pool.shutdown()
-    except BrokenProcessPool as error:
-        raise GuidedGymError(
-            "expected the worker processes to live, but one died (killed, out of memory, or started from a "
-            "script without `if __name__ == '__main__':`); what was finished is kept"
-        ) from error
-    except BaseException:
-        # Whoever pressed Ctrl-C does not want to wait for the tasks at hand.
-        pool.shutdown(wait=False, cancel_futures=True)
-        for process in set(multiprocessing.active_children()) - before:
-            process.terminate()
-        raise
+
+
+def stop_workers(pool: concurrent.futures.ProcessPoolExecutor) -> None:
+    """End the processes of `start_workers` at once, whatever they are doing."""
+    # Public only from Python 3.14 on, as `terminate_workers`.
+    processes = list((getattr(pool, "_processes", None) or {}).values())
+    pool.shutdown(wait=False, cancel_futures=True)
+    for process in processes:
+        process.terminate()
 
 
 def _in_order(work: Callable[[T], R], tasks: Iterable[T]) -> Iterator[R]:
