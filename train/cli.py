@@ -94,7 +94,12 @@ def list_names() -> None:
 
 @app.command()
 def evaluate(
-    env: Annotated[str, typer.Option(help="Environments, separated by commas (see `guided-gym list`).")],
+    env: Annotated[
+        str,
+        typer.Option(
+            help="Environments, separated by commas (see `guided-gym list`); NAME@test for test problems."
+        ),
+    ],
     guidance: Annotated[
         str,
         typer.Option(help="Guidances, separated by commas; options as name@option=value, hybrids as a+b."),
@@ -110,6 +115,12 @@ def evaluate(
     expansion: Annotated[
         str | None, typer.Option(help="Who proposes expansions: uniform or a guidance; itself by default.")
     ] = None,
+    goal_tolerance: Annotated[
+        float, typer.Option(help="Distance at which the goal counts as reached.")
+    ] = 0.0,
+    goal_edge: Annotated[
+        bool, typer.Option("--goal-edge/--no-goal-edge", help="Whether a visible goal counts as reached.")
+    ] = True,
     epsilon: Annotated[float, typer.Option(help="Least probability of a node under the target.")] = 1e-4,
     delta: Annotated[float, typer.Option(help="Temperature of the suboptimality.")] = 0.1,
     tau: Annotated[float, typer.Option(help="Temperature of the work remaining.")] = 0.1,
@@ -130,8 +141,10 @@ def evaluate(
         expansion=expansion,
         step=step,
         candidates=candidates,
+        goal_tolerance=goal_tolerance,
         target=TargetParameters(delta, tau, epsilon),
         distributions=distributions,
+        goal_edge=goal_edge,
     )
     names, guidances = _words(env), _words(guidance)
     folder = out or Path("results") / "+".join(names)

@@ -191,7 +191,9 @@ def run_once(plan: Plan, seed: int) -> tuple[Problem, SearchResult]:
     """One measured search of a plan, and the problem that it solved."""
     from guided_gym.envs.catalogue import make_distribution
 
-    problem = problem_of(make_distribution(plan.environment), seed, plan.settings.goal_tolerance)
+    settings = plan.settings
+    distribution = make_distribution(plan.environment)
+    problem = problem_of(distribution, seed, settings.goal_tolerance, settings.goal_edge)
     result = guided_search(
         problem,
         made(plan.spec),

@@ -121,6 +121,7 @@ class EvaluationSettings:
         rewire: Whether new nodes rewire the tree.
         target: Parameters of the target distribution Q.
         distributions: Whether to measure D_KL and D_JS of each guidance's whole distribution P too.
+        goal_edge: Whether a valid edge to the goal ends a search; without it only nearness does.
     """
 
     max_samples: int = 1000
@@ -131,6 +132,7 @@ class EvaluationSettings:
     rewire: bool = False
     target: TargetParameters = field(default_factory=TargetParameters)
     distributions: bool = False
+    goal_edge: bool = True
 
     def __post_init__(self) -> None:
         if self.max_samples < 1:
@@ -141,15 +143,21 @@ class EvaluationSettings:
             raise InvalidInputError(f"candidates: expected at least 1, got {self.candidates!r}")
         if not 0 <= self.goal_tolerance < float("inf"):
             raise InvalidInputError(f"goal_tolerance: expected a number >= 0, got {self.goal_tolerance!r}")
+        if not self.goal_edge and self.goal_tolerance == 0:
+            raise InvalidInputError("goal_tolerance: expected a length > 0 without goal_edge, got 0")
 
     def search_options(self) -> SearchOptions:
         """The part of it that `guided_gym.search.Search` takes."""
         from guided_gym.search import SearchOptions
 
-        return SearchOptions(self.step, self.candidates, self.goal_tolerance, self.rewire, self.target)
+        return SearchOptions(
+            self.step, self.candidates, self.goal_tolerance, self.rewire, self.target, self.goal_edge
+        )
 
 
-def problem_of(distribution: ProblemDistribution, seed: int, goal_tolerance: float = 0.0) -> Problem:
+def problem_of(
+    distribution: ProblemDistribution, seed: int, goal_tolerance: float = 0.0, goal_edge: bool = True
+) -> Problem:
     """The problem that ``env.reset(seed=seed)`` poses.
 
     Raises:
@@ -157,7 +165,7 @@ def problem_of(distribution: ProblemDistribution, seed: int, goal_tolerance: flo
     """
     from guided_gym.draws import problem_of_seed
 
-    return problem_of_seed(distribution, seed, goal_tolerance)
+    return problem_of_seed(distribution, seed, goal_tolerance, goal_edge=goal_edge)
 
 
 def settings_content(environment: str, spec: GuidanceSpec, settings: EvaluationSettings) -> dict[str, Any]:

@@ -189,7 +189,8 @@ def test_bad_input__is_refused_before_anything_is_written(
 
 
 @pytest.mark.parametrize(
-    "setting", [{"max_samples": 0}, {"step": 0.0}, {"candidates": 0}, {"goal_tolerance": -1.0}]
+    "setting",
+    [{"max_samples": 0}, {"step": 0.0}, {"candidates": 0}, {"goal_tolerance": -1.0}, {"goal_edge": False}],
 )
 def test_settings__out_of_range(setting: dict[str, float]) -> None:
     with pytest.raises(InvalidInputError, match=next(iter(setting))):

@@ -1,0 +1,49 @@
+"""Evaluations over numbered problems: test splits and benchmark files, each problem once."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from guided_gym.draws import problem_of_seed
+from guided_gym.envs.catalogue import make_distribution
+from guided_gym.envs.next_mazes import ENVIRONMENT_VARIABLE, benchmark_options
+from guided_gym.errors import StorageError
+from guided_gym.search import guided_search
+from guided_gym.splits import problem_seed
+from guided_gym.train.evaluation import evaluate
+from guided_gym.train.specs import EvaluationSettings, problem_of
+
+
+def test_a_split__is_evaluated_on_its_own_problems() -> None:
+    name = "RandomSimplePassage"
+    whole = make_distribution(name)
+    runs = evaluate(f"{name}@test", "rrt", seeds=2, settings=EvaluationSettings(max_samples=40)).runs
+    for k, run in enumerate(runs):
+        problem = problem_of(make_distribution(f"{name}@test"), k)
+        assert problem.fingerprint == problem_of_seed(whole, problem_seed("test", k)).fingerprint
+        result = guided_search(problem, "rrt", seed=k, max_samples=40)
+        assert run.samples == result.samples
+
+
+def test_a_benchmark_file__is_evaluated_in_its_order(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    walls = np.ones((3, 15, 15), np.uint8)
+    walls[:, 1:-1, 1:-1] = 0
+    walls[:, 7, 2:-2] = 1
+    starts, goals = np.array([[-0.5, 0.1 * k] for k in range(3)]), np.full((3, 2), 0.5)
+    np.savez(tmp_path / "mazes_15_2_train.npz", maps=walls, init_states=starts, goal_states=goals)
+    monkeypatch.setenv(ENVIRONMENT_VARIABLE, str(tmp_path))
+    make_distribution.cache_clear()
+    settings = EvaluationSettings(max_samples=2000, step=0.1, goal_tolerance=0.05, goal_edge=False)
+    runs = evaluate("NextPoint", "rrt", seeds=3, settings=settings).runs
+    for k, run in enumerate(runs):
+        problem = problem_of(make_distribution("NextPoint"), k)
+        assert problem.task.start.tolist() == starts[k].tolist()
+        result = guided_search(problem, "rrt", seed=k, max_samples=2000, options=benchmark_options(0.1))
+        assert run.samples == result.samples > 0
+    make_distribution.cache_clear()
+    monkeypatch.delenv(ENVIRONMENT_VARIABLE)
+    with pytest.raises(StorageError, match=ENVIRONMENT_VARIABLE):
+        evaluate("NextStick", "rrt", seeds=1)
