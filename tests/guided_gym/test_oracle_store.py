@@ -1,8 +1,9 @@
 from __future__ import annotations
 
-import multiprocessing
 import os
 import shutil
+import subprocess
+import sys
 import warnings
 
 import numpy as np
@@ -118,17 +119,23 @@ def test_the_files_used_longest_ago_go_first(tmp_path):
     assert {keys[0], keys[5], "9" * 64} <= kept
 
 
-def write_and_read(folder, seed):
-    store = FieldStore(folder)
-    wrong = 0
-    for _ in range(150):
-        store.save(KEY, FIELD, LINKS)
-        loaded = store.load(KEY, 1000)
-        wrong += loaded is None or not np.array_equal(loaded[0], FIELD)
-    return wrong
+# A program of its own: a spawned worker could not import a test module from another folder.
+WRITER = """
+import sys
+from pathlib import Path
+import numpy as np
+from guided_gym.oracle_store import FieldStore
+store, wrong = FieldStore(Path(sys.argv[1])), 0
+field, links = np.linspace(0, 1, 1000, dtype=np.float32), np.arange(1000, dtype=np.uint8)
+for _ in range(150):
+    store.save("a" * 64, field, links)
+    loaded = store.load("a" * 64, 1000)
+    wrong += loaded is None or not np.array_equal(loaded[0], field)
+sys.exit(wrong)
+"""
 
 
 def test_two_processes_writing_one_key_never_see_half_a_file(tmp_path):
-    with multiprocessing.get_context("spawn").Pool(2) as pool:
-        assert pool.starmap(write_and_read, [(tmp_path, 0), (tmp_path, 1)]) == [0, 0]
+    writers = [subprocess.Popen([sys.executable, "-c", WRITER, str(tmp_path)]) for _ in range(2)]
+    assert [writer.wait(timeout=120) for writer in writers] == [0, 0]
     assert [path.name for path in tmp_path.iterdir()] == [f"{KEY}.field"]
