@@ -55,7 +55,7 @@ class FieldArchitecture:
     headings: int = 16
     hidden: int = 8
     widths: tuple[int, int, int] = (48, 64, 96)
-    blocked: float = 60.0
+    blocked: float = 300.0
     planning: bool = True
 
     def __post_init__(self) -> None:
@@ -118,7 +118,7 @@ def plain_tensors(architecture: FieldArchitecture) -> dict[str, Field]:
         raise InvalidInputError(f"field network: expected hidden >= 2, got {architecture.hidden}")
     tensors = {name: np.zeros(shape, np.float32) for name, shape in architecture.shapes().items()}
     tensors["encoder.0.weight"][:2, 0] = 1, -1
-    tensors["encoder.1.weight"][0, :2] = 8, -8
+    tensors["encoder.1.weight"][0, :2] = 60, -60
     return tensors
 
 
@@ -268,9 +268,9 @@ class FieldModel:
         logits = self.free(grid)
         if not self.architecture.planning:
             return fields.goal_distances(logits.shape[0], logits.shape[2], frame), logits > 0
-        slow = np.maximum(-np.tanh(logits / 2), 0)  # 1 - 2 p where p < 1/2
+        slow = np.maximum(-np.tanh(logits / 2), 0) ** 2  # (1 - 2 p)^2 where p < 1/2
         slowness = 1 + np.float32(self.architecture.blocked) * slow
-        return fields.wave(slowness.astype(np.float32), frame), logits > 0
+        return fields.wave(slowness.astype(np.float32), grid.room, frame), logits > 0
 
     def evaluate(self, grid: Grid, goal: FloatArray) -> CostField:
         """The cost-to-go field for a goal."""

@@ -32,6 +32,7 @@ _FIELDS_KEPT: Final = 8
 _MOTION_PARTS: Final = 4  # poses along a motion at which its room is looked up
 _ENOUGH_ROOM: Final = 0.5  # cells; a motion with less is worth less
 _CONTACT_REACH: Final = 0.5  # steps around a contact that count as known to be bad
+_CROWD: Final = 6.0  # nodes within that reach that are no crowd yet, the node itself included
 _NEVER: Final = 1e6  # steps; stands for "the field sees no way"
 
 
@@ -110,8 +111,8 @@ class LearnedGuidance(GuidingSpace):
     Args:
         agent: A shipped agent's name, a folder, or a `LearnedAgent`.
         temperature: 0 selects the largest logit; 1 draws from the softmax that was trained.
-        failure_penalty: Nats that each failed expansion of a node takes from its logit, so that none is
-            tried in vain forever.
+        failure_penalty: Nats that each failed expansion of a node takes from its logit, and, by its
+            logarithm, a crowd of nodes around it, so that nothing is tried in vain forever.
         candidates: Members of N_C(v) that a proposal looks at.
 
     Raises:
@@ -143,8 +144,9 @@ class LearnedGuidance(GuidingSpace):
         """Evaluate the field, once per problem."""
         self._field = self.agent.cost_field(self.search.problem)
         self._reach = _CONTACT_REACH * self.planner.step
+        self._side = float(self._field.frame[fields.CELL] * len(self._field.values))
         self._weight = float(self._field.frame[fields.WEIGHT])
-        self._nodes = np.zeros((256, 4))  # remaining, crowding, clearance, distance to the goal
+        self._nodes = np.zeros((256, 5))  # remaining, contacts, clearance, distance to the goal, nodes around
         self._seen = self._contacts = 0
 
     def project(self, tree: SearchTree, q: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -162,8 +164,8 @@ class LearnedGuidance(GuidingSpace):
         """(n, F) what the scorer sees of each node, as in `ScorerColumn`."""
         self._update(tree)
         n = len(tree)
-        remaining, crowding, clearance, distance = self._nodes[:n].T
-        unit = max(self._nodes[0, 0], 1e-9)
+        remaining, crowding, clearance, distance, _ = self._nodes[:n].T
+        unit = min(max(self._nodes[0, 0], 1e-9), 4.0 * self._side)
         out = np.empty((n, len(ScorerColumn)), np.float32)
         left = np.minimum(remaining / unit, 4.0)
         excess = np.clip((tree._costs[:n] + remaining) / unit - 1.0, 0.0, 4.0)
@@ -181,7 +183,9 @@ class LearnedGuidance(GuidingSpace):
     def logits(self, tree: SearchTree) -> NDArray[np.float64]:
         """(n,) the score of each node."""
         scores = self.agent.scorer.logits(self.columns(tree)).astype(np.float64)
-        return np.asarray(scores - self.failure_penalty * tree._failures[: len(tree)])
+        crowd = np.log1p(np.maximum(self._nodes[: len(tree), 4] - _CROWD, 0.0))
+        vain = tree._failures[: len(tree)] + crowd
+        return np.asarray(scores - self.failure_penalty * vain)
 
     def values(self, tree: SearchTree) -> NDArray[np.float64]:
         """(n,) h of each node: how far its logit lies below the largest, in nats."""
@@ -208,12 +212,15 @@ class LearnedGuidance(GuidingSpace):
         """(d,) x_new: the candidate with the shortest way on, shy of what looks blocked."""
         q = tree._configurations[node]
         step = self.planner.step
+        self._update(tree)
         candidates = self.planner.candidates(q, self.candidates)
-        h = self.heuristic(self.project(tree, candidates))
+        lengths = np.asarray(self.space.distance(candidates, q))
+        states = self.project(tree, candidates)
+        # No free motion brings the goal nearer than by its length: what seems to lies behind a wall.
+        states[:, 0] = np.maximum(states[:, 0], self._nodes[node, 0] - lengths)
         room = fields.least_room(q, candidates, self._field.room, self._field.frame, _MOTION_PARTS)
         tight = np.clip((_ENOUGH_ROOM - room) / _ENOUGH_ROOM, 0.0, 4.0)
-        lengths = np.asarray(self.space.distance(candidates, q))
-        return np.asarray(candidates[int(np.argmin(h + 0.5 * lengths + step * tight))])
+        return np.asarray(candidates[int(np.argmin(self.heuristic(states) + 0.5 * lengths + step * tight))])
 
     def _update(self, tree: SearchTree) -> None:
         """Take in the nodes and contacts that are new."""
@@ -224,13 +231,16 @@ class LearnedGuidance(GuidingSpace):
             self._nodes[: self._seen, 1] += fields.crowding(old, fresh, self._reach, self._weight)
         self._contacts = failed
         if n > len(self._nodes):
-            self._nodes = np.concatenate([self._nodes, np.zeros((n, 4))])
+            self._nodes = np.concatenate([self._nodes, np.zeros((n, 5))])
         if n > self._seen:
             q = tree._configurations[self._seen : n]
             rows = self._nodes[self._seen : n]
             rows[:, :2] = self.project(tree, q)
             rows[:, 2] = self.space.clearance(q)
             rows[:, 3] = self.space.distance(q, self.goal)
+            old = tree._configurations[: self._seen]
+            self._nodes[: self._seen, 4] += fields.crowding(old, q, self._reach, self._weight)
+            rows[:, 4] = fields.crowding(q, tree._configurations[:n], self._reach, self._weight)
             for i in range(max(self._seen, 1), n):
                 # The edge to the parent is free, so the way on is no longer than it and the parent's.
                 parent = int(tree._parents[i])

@@ -104,7 +104,7 @@ def _offset(entry: Any) -> int:
 
 
 def _header(data: bytes, where: str | Path) -> tuple[dict[str, Any], memoryview]:
-    if data[:1] == b"\x80" or data[:2] == b"PK":
+    if (data[:1] == b"\x80" and data[8:9] != b"{") or data[:2] == b"PK":
         raise StorageError(
             f"{where}: expected a safetensors file, got a pickle or zip; those can run code and are not read"
         )

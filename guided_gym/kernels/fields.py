@@ -207,36 +207,55 @@ def goal_distances(n: int, turns: int, frame: FloatArray) -> Field:
 
 
 @njit(cache=True)
-def wave(slowness: Field, frame: FloatArray) -> Field:
+def _seeds(u: Field, room: Field, frame: FloatArray) -> None:
+    """Write the distance to the goal at the poses near it that nothing can lie in between.
+
+    Such a pose has at least as much room as the goal is far. If there is none, the best of the nearest.
+    """
+    n, turns = u.shape[0], u.shape[2]
+    gx, gy = (frame[GOAL] - frame[ORIGIN_X]) / frame[CELL], (frame[GOAL + 1] - frame[ORIGIN_Y]) / frame[CELL]
+    gk = math.floor(frame[GOAL + 2] * turns / (2.0 * math.pi)) if turns > 1 else 0
+    i, j = math.floor(gx), math.floor(gy)
+    best, best_r, best_c, best_k = -np.inf, 0, 0, 0
+    for r in range(max(j - 2, 0), min(j + 4, n)):
+        for c in range(max(i - 2, 0), min(i + 4, n)):
+            for turned in range(2 if turns > 1 else 1):
+                k = (gk + turned) % turns
+                spare = room[r, c, k] - math.sqrt((c - gx) ** 2 + (r - gy) ** 2)
+                if spare >= 0.0:
+                    x, y = frame[ORIGIN_X] + c * frame[CELL], frame[ORIGIN_Y] + r * frame[CELL]
+                    u[r, c, k] = goal_distance(x, y, 2.0 * math.pi * k / turns, frame)
+                if spare > best:
+                    best, best_r, best_c, best_k = spare, r, c, k
+    if best < 0.0:
+        x, y = frame[ORIGIN_X] + best_c * frame[CELL], frame[ORIGIN_Y] + best_r * frame[CELL]
+        u[best_r, best_c, best_k] = goal_distance(x, y, 2.0 * math.pi * best_k / turns, frame)
+
+
+@njit(cache=True)
+def wave(slowness: Field, room: Field, frame: FloatArray) -> Field:
     """Solve |grad u| = slowness outwards from the goal by fast marching: (n, n, T) float32.
 
     Ends when it has reached every pose of slowness 1; what it has not reached by then comes last.
 
     Args:
         slowness: (n, n, T) at least 1; more where a pose seems blocked.
+        room: (n, n, T) what `robot_clearances` gives: it says where the wave may begin.
         frame: Where the cells lie, the weight of a turn, and the goal.
     """
     n, turns = slowness.shape[0], slowness.shape[2]
     flat = frame[CELL]
     turn = max(frame[WEIGHT] * 2.0 * math.pi / turns, 1e-9)
     u = np.full(slowness.shape, np.float32(np.inf))
+    _seeds(u, room, frame)
     known = np.zeros(slowness.shape, dtype=np.bool_)
     sides = 6 if turns > 1 else 4
-    room = slowness.size * sides + 4096
-    keys, items, size = np.empty(room, dtype=np.float32), np.empty(room, dtype=np.int32), 0
-    gx, gy = (frame[GOAL] - frame[ORIGIN_X]) / flat, (frame[GOAL + 1] - frame[ORIGIN_Y]) / flat
-    gk = math.floor(frame[GOAL + 2] * turns / (2.0 * math.pi)) if turns > 1 else 0
-    for r in range(max(math.floor(gy) - 1, 0), min(math.floor(gy) + 3, n)):
-        for c in range(max(math.floor(gx) - 1, 0), min(math.floor(gx) + 3, n)):
-            nearest = math.floor(gy) <= r <= math.floor(gy) + 1 and math.floor(gx) <= c <= math.floor(gx) + 1
-            for turned in range(2 if turns > 1 else 1):
-                k = (gk + turned) % turns
-                if nearest or slowness[r, c, k] < 1.01:
-                    x, y = frame[ORIGIN_X] + c * flat, frame[ORIGIN_Y] + r * flat
-                    value = goal_distance(x, y, 2.0 * math.pi * k / turns, frame)
-                    u[r, c, k] = value
-                    _push(keys, items, size, value, (r * n + c) * turns + k)
-                    size += 1
+    space = slowness.size * (sides + 1)
+    keys, items, size = np.empty(space, dtype=np.float32), np.empty(space, dtype=np.int32), 0
+    for v, value in enumerate(u.flat):
+        if value < np.inf:
+            _push(keys, items, size, value, v)
+            size += 1
     left, last = 0, 0.0
     for item in slowness.flat:
         left += 1 if item <= 1.0 else 0

@@ -11,6 +11,7 @@ from guided_gym.environment import Environment
 from guided_gym.kernels import fields
 
 N = 32
+ROOMY = np.full((N, N, 1), 9.0, np.float32)
 
 
 def frame_of(side: float = 1.0, n: int = N, weight: float = 0.0, goal: tuple[float, ...] = (0.5, 0.5, 0.0)):
@@ -56,7 +57,7 @@ def test_robot_clearances__outside_the_grid_is_no_room() -> None:
 
 def test_wave__in_the_open_is_the_distance() -> None:
     frame = frame_of()
-    found = fields.wave(np.ones((N, N, 1), np.float32), frame)
+    found = fields.wave(np.ones((N, N, 1), np.float32), ROOMY, frame)
     exact = fields.goal_distances(N, 1, frame)
     assert np.abs(found - exact).max() < 0.03
     assert (found >= exact - 1e-6).all()
@@ -65,14 +66,25 @@ def test_wave__in_the_open_is_the_distance() -> None:
 def test_wave__goes_round_a_wall_and_is_slow_through_it() -> None:
     slowness = np.ones((N, N, 1), np.float32)
     slowness[:24, 15:17] = 100.0
-    found = fields.wave(slowness, frame_of(goal=(0.8, 0.1, 0.0)))[..., 0]
+    found = fields.wave(slowness, ROOMY, frame_of(goal=(0.8, 0.1, 0.0)))[..., 0]
     around = math.hypot(0.3, 0.65) + math.hypot(0.3, 0.65)
     assert found[3, 6] == pytest.approx(around, rel=0.1)
 
 
+def test_wave__does_not_begin_behind_a_thin_wall() -> None:
+    frame = frame_of(goal=(0.52, 0.5, 0.0))
+    wall = square(0.49, 0.0, 0.51, 0.9)
+    distances = fields.signed_distances(wall, np.array([0.0, 0.0, 1.0, 1.0]), frame, N)
+    room = (distances * N).astype(np.float32)[..., None]
+    slowness = np.where(np.abs(np.arange(N) - 15) < 1, 100.0, 1.0)[None, :, None] * np.ones((N, N, 1))
+    slowness[29:] = 1.0
+    found = fields.wave(slowness.astype(np.float32), room, frame)[..., 0]
+    assert found[16, 12] > 0.8
+
+
 def test_wave__turns_the_short_way_round() -> None:
     frame = frame_of(weight=0.1, goal=(0.5, 0.5, math.pi - 0.01))
-    found = fields.wave(np.ones((N, N, 16), np.float32), frame)
+    found = fields.wave(np.ones((N, N, 16), np.float32), np.full((N, N, 16), 9.0, np.float32), frame)
     before, after = found[N // 2, N // 2, 7], found[N // 2, N // 2, 9]
     assert before == pytest.approx(after, abs=0.02)
     assert found[N // 2, N // 2, 0] == pytest.approx(0.1 * math.pi, rel=0.15)
