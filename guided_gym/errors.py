@@ -1,8 +1,9 @@
-"""The one exception family of the package."""
+"""The one exception family of the package, and its warnings."""
 
 from __future__ import annotations
 
 import difflib
+import warnings
 from collections.abc import Iterable
 
 
@@ -46,3 +47,12 @@ class NoPathError(GuidedGymError):
 
 class StorageError(GuidedGymError):
     """A file of ours (database, cache, results) is corrupt, foreign or cannot be written."""
+
+
+class GuidedGymWarning(RuntimeWarning):
+    """Something that this package does without, or does more slowly than it could."""
+
+
+def warn(message: str) -> None:
+    """Warn of something that no line of the caller's code is to blame for: none is shown with it."""
+    warnings.warn_explicit(message, GuidedGymWarning, "guided-gym", 0)

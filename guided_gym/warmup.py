@@ -10,7 +10,7 @@ from typing import Any, Final
 from numba.core import event
 
 PATIENCE: Final = 1.0  # seconds of compilation before something is said
-MESSAGE: Final = "guided-gym: compiling its kernels (once on this machine, some 10 to 20 seconds) ..."
+MESSAGE: Final = "guided-gym: compiling kernels for first use (some seconds; cached where it can be) ..."
 
 
 class CompilationNotice(event.Listener):

@@ -1,0 +1,87 @@
+"""What a caller hands in, checked at the door: numbers, counts, switches and kinds of objects."""
+
+from __future__ import annotations
+
+import math
+from typing import Any, TypeVar
+
+import numpy as np
+
+from guided_gym.errors import InvalidInputError
+
+T = TypeVar("T")
+
+
+def number(
+    name: str,
+    value: object,
+    *,
+    least: float | None = None,
+    above: float | None = None,
+    below: float | None = None,
+    what: str = "number",
+) -> float:
+    """A finite number within limits.
+
+    Args:
+        name: What the message calls the value.
+        value: What came.
+        least: The smallest value allowed.
+        above: Values have to be greater than this.
+        below: Values have to be smaller than this.
+        what: What kind of number it is, for the message.
+
+    Raises:
+        InvalidInputError: It is no number (a boolean is none), NaN, infinite or out of the limits.
+    """
+    if isinstance(value, int | float | np.integer | np.floating) and not isinstance(value, bool):
+        number = float(value)
+        if (
+            math.isfinite(number)
+            and (least is None or number >= least)
+            and (above is None or number > above)
+            and (below is None or number < below)
+        ):
+            return number
+    limits = (("at least", least), ("above", above), ("below", below))
+    said = " and ".join(f"{word} {limit:g}" for word, limit in limits if limit is not None)
+    if above == 0 and below is None:
+        raise InvalidInputError(f"{name}: expected a positive {what}, got {value!r}")
+    raise InvalidInputError(f"{name}: expected a finite {what} {said}".rstrip() + f", got {value!r}")
+
+
+def integer(name: str, value: object, *, least: int) -> int:
+    """An integer that is large enough.
+
+    Raises:
+        InvalidInputError: It is no integer (a boolean is none), or smaller.
+    """
+    if isinstance(value, int | np.integer) and not isinstance(value, bool) and value >= least:
+        return int(value)
+    raise InvalidInputError(f"{name}: expected an integer, at least {least}, got {value!r}")
+
+
+def flag(name: str, value: object) -> bool:
+    """True or False.
+
+    Raises:
+        InvalidInputError: It is something else.
+    """
+    if isinstance(value, bool | np.bool_):
+        return bool(value)
+    raise InvalidInputError(f"{name}: expected True or False, got {value!r}")
+
+
+def instance(name: str, value: Any, kind: type[T]) -> T:
+    """An object of one class.
+
+    Raises:
+        InvalidInputError: It is of another class.
+    """
+    if isinstance(value, kind):
+        return value
+    raise InvalidInputError(f"{name}: expected {_article(kind.__name__)}, got {value!r}")
+
+
+def _article(noun: str) -> str:
+    return f"{'an' if noun[0] in 'AEIOU' else 'a'} {noun}"
