@@ -24,7 +24,7 @@ import numpy as np
 from rich.console import Console
 from rich.table import Table
 
-import guided_gym  # noqa: F401  registers the ids
+from guided_gym.envs import GuidedSearchEnv, ProblemPool, distribution_names, make_distribution
 
 FIRST_USE = """
 import time
@@ -36,11 +36,12 @@ import gymnasium
 gymnasium.make("guided_gym/TrapCup-v0").reset(seed=0)
 print(*spent())
 """
+DRAWN = [name for name in distribution_names() if not make_distribution(name).fixed]
 # What is allowed, in the unit of each row.
 LIMITS = {
     "step, uniform expansion": 60.0,
     "reset, cached problem": 2.0,
-    "reset, fresh RandomSimplePassage": 150.0,
+    **{f"reset, fresh {name}": 150.0 for name in DRAWN},
     "import guided_gym": 1.0,
     "first make + reset": 20.0,
 }
@@ -72,6 +73,14 @@ def reset_times(env: gymnasium.Env, count: int):
         env.reset(seed=seed)
         times.append((time.perf_counter() - began, time.thread_time() - worked))
     return np.array(times)
+
+
+def pooled_reset_times(count: int):
+    with ProblemPool("RandomMaze", workers=1, ahead=count) as pool:
+        env = GuidedSearchEnv(pool)
+        while pool.ready < count:
+            time.sleep(0.1)
+        return reset_times(env, count)
 
 
 def first_use() -> dict[str, dict[str, float | str]]:
@@ -114,8 +123,11 @@ def measure(steps: int) -> dict[str, dict[str, float | str]]:
         "us",
     )
     rows["reset, cached problem"] = row(reset_times(env, 200), 1e3, "ms")
-    fresh = gymnasium.make("guided_gym/RandomSimplePassage-v0").unwrapped
-    rows["reset, fresh RandomSimplePassage"] = row(reset_times(fresh, 30), 1e3, "ms")
+    for name in DRAWN:
+        env = GuidedSearchEnv(name)
+        env.reset(seed=2**31)  # compiles
+        rows[f"reset, fresh {name}"] = row(reset_times(env, 50), 1e3, "ms")
+    rows["reset, RandomMaze of a full pool"] = row(pooled_reset_times(30), 1e3, "ms")
     rows |= first_use()
     for label, limit in LIMITS.items():
         rows[label]["limit"] = limit

@@ -68,6 +68,15 @@ def draw_problems() -> None:
         save(figures.environments([problem]), f"environment-{problem.name}")
 
 
+def draw_distributions() -> None:
+    """Four problems of each distribution."""
+    for name in distribution_names():
+        distribution = make_distribution(name)
+        if not distribution.fixed:
+            problems = [problem_of(distribution, seed) for seed in range(4)]
+            save(figures.environments(problems), f"distribution-{name}", 90)
+
+
 def draw_trap_cup() -> None:
     """The README's picture: a hybrid's search; and the three searches of the paper's figure."""
     problem = make_distribution("TrapCup").problem(0)
@@ -100,6 +109,7 @@ def main() -> None:
     """Draw everything."""
     IMAGES.mkdir(exist_ok=True)
     draw_problems()
+    draw_distributions()
     draw_trap_cup()
     with tempfile.TemporaryDirectory() as folder:
         draw_guiding_spaces(Path(folder))
