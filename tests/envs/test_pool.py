@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import importlib
 import itertools
 import multiprocessing
 import os
@@ -37,11 +38,16 @@ def wait_until(condition):
     raise AssertionError("waited in vain")
 
 
-def blocked_or_not(rng):
-    """Every problem of an odd draw is refused."""
+# A module of its own: a spawned worker could not import a test from another folder.
+HALF_BLOCKED = f"""
+from guided_gym.envs import make_distribution
+from guided_gym.errors import NoPathError
+
+def draw(rng):
     if rng.integers(2):
         raise NoPathError("no way")
-    return DISTRIBUTION.problem(1)
+    return make_distribution({NAME!r}).problem(1)
+"""
 
 
 @pytest.fixture
@@ -93,8 +99,10 @@ def test_an_environment__takes_its_problems_from_a_pool():
             assert env.unwrapped.problem.fingerprint == expected.fingerprint
 
 
-def test_errors_of_a_problem__are_passed_on_and_the_next_one_follows():
-    distribution = SampledProblems("Half", blocked_or_not)
+def test_errors_of_a_problem__are_passed_on_and_the_next_one_follows(tmp_path, monkeypatch):
+    (tmp_path / "half_blocked.py").write_text(HALF_BLOCKED)
+    monkeypatch.syspath_prepend(str(tmp_path))
+    distribution = SampledProblems("Half", importlib.import_module("half_blocked").draw)
     outcomes = []
     for workers in (0, 1):
         with ProblemPool(distribution, workers=workers) as pool:
