@@ -9,11 +9,11 @@ from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
-from shapely.geometry import box
+from shapely.geometry import Polygon, box
 from shapely.geometry.base import BaseGeometry
 from shapely.ops import unary_union
 
-from guided_gym.environment import Environment
+from guided_gym.environment import Bounds, Environment
 from guided_gym.envs.grids import Cells, Room, carved, covering, way
 from guided_gym.envs.placement import free_pose
 from guided_gym.errors import InvalidInputError
@@ -28,6 +28,9 @@ ROOMS: Final = (4, 6)  # fewest and most along a side, for the rectangle: corrid
 POINT_ROOMS: Final = (5, 9)  # for the point: corridors of 0.93 to 1.84
 PERFECT: Final = 0.5  # part of the mazes that are perfect
 REMOVED: Final = 0.4  # at most this part of an imperfect maze's walls is missing
+WINDOWED: Final = 0.5  # part of the rectangle's mazes that have windows
+WINDOWS: Final = 0.4  # at most this part of their walls has one
+WINDOW_WIDTH: Final = (0.1, 0.25)  # a point fits, the rectangle, 0.3 wide, never does
 
 LATTICE: Final = 15  # cells along a side
 LATTICE_BOUNDS: Final = (-1.0, -1.0, 1.0, 1.0)
@@ -44,26 +47,33 @@ Edges = NDArray[np.float64]
 
 
 def random_maze(rng: np.random.Generator) -> Problem:
-    """A maze of 4 x 4 to 6 x 6 rooms for the rectangle, every other one with loops; poses in any rooms."""
-    return _maze(rng, Robot.rectangle(*ROBOT), "RandomMaze", ROOMS)
+    """A maze of 4 x 4 to 6 x 6 rooms for the rectangle, some with loops, some with narrow windows."""
+    windows = rng.uniform(0.0, WINDOWS) if rng.random() < WINDOWED else 0.0
+    return _maze(rng, Robot.rectangle(*ROBOT), "RandomMaze", ROOMS, windows)
 
 
 def random_point_maze(rng: np.random.Generator) -> Problem:
-    """A maze of 5 x 5 to 9 x 9 rooms for a point, every other one with loops; start and goal in any rooms."""
+    """A maze of 5 x 5 to 9 x 9 rooms for a point, some with loops."""
     return _maze(rng, Robot.point(), "RandomPointMaze", POINT_ROOMS)
 
 
-def _maze(rng: np.random.Generator, robot: Robot, name: str, sizes: tuple[int, int]) -> Problem:
+def _maze(
+    rng: np.random.Generator, robot: Robot, name: str, sizes: tuple[int, int], windows: float = 0.0
+) -> Problem:
     rooms = int(rng.integers(sizes[0], sizes[1] + 1))
     walls = carved(rng, rooms, rooms, newest=rng.random())
     if rng.random() >= PERFECT:
         walls = _with_loops(rng, walls, rng.uniform(0.0, REMOVED))
     walls = walls[1:-1, 1:-1]  # the bounds are the outer walls
     edges = _room_edges(rooms)
-    environment = Environment(
-        (0.0, 0.0, SIZE, SIZE),
-        tuple(box(edges[i0], edges[j0], edges[i1], edges[j1]) for i0, j0, i1, j1 in covering(walls)),
-    )
+    open_to_points = _between_rooms(walls) & (rng.random(walls.shape) < windows)
+    obstacles = [
+        box(edges[i0], edges[j0], edges[i1], edges[j1])
+        for i0, j0, i1, j1 in covering(walls & ~open_to_points)
+    ]
+    for i, j in np.argwhere(open_to_points).tolist():
+        obstacles += _with_window(rng, _area(edges, (i, j)))
+    environment = Environment((0.0, 0.0, SIZE, SIZE), tuple(obstacles))
     space = ConfigurationSpace(robot, environment)
     start_room, goal_room = _two_rooms(rng, rooms)
     start, goal = (free_pose(space, rng, _area(edges, room)) for room in (start_room, goal_room))
@@ -74,17 +84,33 @@ def _maze(rng: np.random.Generator, robot: Robot, name: str, sizes: tuple[int, i
 def _with_loops(rng: np.random.Generator, walls: Cells, part: float) -> Cells:
     """The maze without that part of the walls between rooms, and without pillars that then stand alone."""
     walls = walls.copy()
-    index = np.indices(walls.shape)
-    between = (index.sum(axis=0) % 2 == 1) & walls
+    between = _between_rooms(walls)
     between[[0, -1]] = between[:, [0, -1]] = False
     walls &= ~(between & (rng.random(walls.shape) < part))
-    pillars = walls & (index % 2 == 0).all(axis=0)
+    pillars = walls & (np.indices(walls.shape) % 2 == 0).all(axis=0)
     around = np.zeros_like(walls)
     around[1:-1, 1:-1] = walls[:-2, 1:-1] | walls[2:, 1:-1] | walls[1:-1, :-2] | walls[1:-1, 2:]
     alone = pillars & ~around
     alone[[0, -1]] = alone[:, [0, -1]] = False
     walls &= ~alone
     return walls
+
+
+def _between_rooms(walls: Cells) -> Cells:
+    """The walls that part two rooms: one index odd, one even, and no pillars."""
+    odd: Cells = np.indices(walls.shape).sum(axis=0) % 2 == 1
+    return odd & walls
+
+
+def _with_window(rng: np.random.Generator, area: Bounds) -> list[Polygon]:
+    """A wall between two rooms, in two pieces with a narrow gap between them."""
+    x0, y0, x1, y1 = area
+    half = rng.uniform(*WINDOW_WIDTH) / 2
+    if x1 - x0 > y1 - y0:
+        middle = rng.uniform(x0 + 2 * WALL, x1 - 2 * WALL)
+        return [box(x0, y0, middle - half, y1), box(middle + half, y0, x1, y1)]
+    middle = rng.uniform(y0 + 2 * WALL, y1 - 2 * WALL)
+    return [box(x0, y0, x1, middle - half), box(x0, middle + half, x1, y1)]
 
 
 def _room_edges(rooms: int) -> Edges:
@@ -104,7 +130,7 @@ def _two_rooms(rng: np.random.Generator, rooms: int) -> tuple[Room, Room]:
     return start, goal
 
 
-def _area(edges: Edges, cell: Room) -> tuple[float, float, float, float]:
+def _area(edges: Edges, cell: Room) -> Bounds:
     i, j = cell
     return (float(edges[i]), float(edges[j]), float(edges[i + 1]), float(edges[j + 1]))
 

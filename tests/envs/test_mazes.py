@@ -48,6 +48,17 @@ def test_random_mazes__are_connected_and_some_have_loops(name, rooms):
     assert 0 < loops < 12
 
 
+def test_random_mazes__have_windows_that_only_a_point_gets_through():
+    windowed = 0
+    for seed in range(10):
+        problem = make_distribution("RandomMaze").problem(seed)
+        # What a disc of 0.25 across does not close is wide enough for the rectangle.
+        closed = problem.environment.obstacle_union.buffer(0.126, join_style="mitre")
+        pieces = len(shapely.get_parts(problem.environment.obstacle_union))
+        windowed += len(shapely.get_parts(closed)) < pieces
+    assert 0 < windowed < 10
+
+
 @pytest.mark.parametrize("name", ["RandomMaze", "RandomPointMaze"])
 def test_random_mazes__tell_the_way_from_the_rest(name):
     problem = make_distribution(name).problem(3)
