@@ -24,12 +24,21 @@ ENVIRONMENTS: Final[dict[str, str]] = {
     "guided_gym/HardStickMaze-v0": "HardStickMaze",
 }
 
+SELECTION_ENTRY_POINT: Final = "guided_gym.envs.guide_selection_env:GuideSelectionEnv"
+
+# Those in which the action is the guiding space that guides, likewise.
+SELECTIONS: Final[dict[str, str]] = {
+    "guided_gym/GuideSelection-v0": "TrapCup",
+    "guided_gym/RandomGuideSelection-v0": "RandomTrapCup",
+}
+
 
 def register_environments() -> None:
-    """Register every id of `ENVIRONMENTS`; those already there are left alone.
+    """Register every id of `ENVIRONMENTS` and `SELECTIONS`; those already there are left alone.
 
     No step limit is registered: the environment truncates by itself, at ``max_samples``.
     """
-    for name, distribution in ENVIRONMENTS.items():
-        if name not in gymnasium.registry:
-            gymnasium.register(name, entry_point=ENTRY_POINT, kwargs={"distribution": distribution})
+    for entry_point, table in ((ENTRY_POINT, ENVIRONMENTS), (SELECTION_ENTRY_POINT, SELECTIONS)):
+        for name, distribution in table.items():
+            if name not in gymnasium.registry:
+                gymnasium.register(name, entry_point=entry_point, kwargs={"distribution": distribution})

@@ -1,0 +1,170 @@
+"""Multi-guidance search as an environment: choose which guiding space guides (paper, Section 7.1)."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import TYPE_CHECKING, Any, Final
+
+import gymnasium
+import numpy as np
+from gymnasium import spaces
+from numpy.typing import NDArray
+
+from guided_gym.envs.guided_search_env import OPTIONS, GuidedSearchEnv
+from guided_gym.errors import InvalidInputError, UnknownNameError
+from guided_gym.guidance import Hybrid
+from guided_gym.guidance.base import GuidingSpace
+from guided_gym.guidance.turns import Turns, bounds
+
+if TYPE_CHECKING:
+    from guided_gym.envs.observations import Observation
+    from guided_gym.problems import Problem, ProblemDistribution
+    from guided_gym.search import Expansion, Search
+    from guided_gym.splits import Split
+
+DEFAULT_GUIDES: Final = ("lazy_prm", "medial_axis")
+_OWN: Final = ("action", "expansion", "observe", "raster", "max_nodes", "on_invalid", "target_in_info")
+SELECTION_OPTIONS: Final = ("guides", *(name for name in OPTIONS if name not in _OWN))
+
+
+class GuideSelectionEnv(gymnasium.Env[NDArray[np.float32], int]):
+    """A hybrid search: choose the guiding space that guides the next sample.
+
+    Description:
+        One episode is one search (paper, Algorithm 1). Each step is one sample: the chosen guiding space
+        selects the node and proposes the configuration; all of them learn from what comes of it. The same
+        search, the same problems and the same reward as `GuidedSearchEnv`, with a choice so small that
+        plain PPO or DQN can make it.
+
+    Action space:
+        ``Discrete(k)``, the guiding space that guides next.
+
+    Observation space:
+        ``Box`` of 5 + 13 k numbers: `guided_gym.guidance.turns.SearchColumn`, then
+        `guided_gym.guidance.turns.GuideColumn` of each guiding space; nothing of the oracle.
+
+    Rewards, episode end, info and randomness:
+        As in `GuidedSearchEnv`. ``reset(seed=k)`` gives the tree that ``guided_search`` gives with a `Hybrid`
+        of the same guides, if its rule makes the same choices.
+
+    Args:
+        distribution: Name in the catalogue, a distribution, or a problem.
+        guides: Guiding spaces to choose from, or their names; instances are copied.
+        max_samples: Steps until truncation.
+        split: ``"train"``, ``"validation"`` or ``"test"``; None for the whole distribution.
+        **options: As in `GuidedSearchEnv`: reward, step, candidates, goal_tolerance, goal_edge, rewire,
+            target, render_mode.
+
+    Raises:
+        UnknownNameError: An unknown name or option; the nearest one is suggested.
+        InvalidInputError: An option's value cannot be used.
+    """
+
+    metadata: dict[str, Any] = GuidedSearchEnv.metadata
+
+    def __init__(
+        self,
+        distribution: str | ProblemDistribution | Problem = "TrapCup",
+        *,
+        guides: Sequence[GuidingSpace | str] = DEFAULT_GUIDES,
+        max_samples: int = 500,
+        split: str | Split | None = None,
+        **options: Any,
+    ) -> None:
+        for name in options:
+            if name not in SELECTION_OPTIONS:
+                raise UnknownNameError("option", name, SELECTION_OPTIONS)
+        if isinstance(max_samples, int | np.integer):  # else the search environment refuses it
+            options["max_nodes"] = max(int(max_samples) + 2, 3)
+        hybrid = Hybrid(guides, rule=_AsTold())
+        self.searching = GuidedSearchEnv(
+            distribution,
+            split=split,
+            max_samples=max_samples,
+            expansion=hybrid,
+            observe=_Nothing(),
+            **options,
+        )
+        self.guides = tuple(guide.name for guide in hybrid.guides)
+        low, high = bounds(len(self.guides))
+        self.observation_space = spaces.Box(low, high, dtype=np.float32)
+        self.action_space = spaces.Discrete(len(self.guides))  # type: ignore[assignment]
+        self.render_mode = self.searching.render_mode
+
+    @property
+    def search(self) -> Search:
+        """The search in progress; a new object after each reset."""
+        return self.searching.search
+
+    @property
+    def problem(self) -> Problem:
+        """The problem of this episode."""
+        return self.searching.problem
+
+    @property
+    def hybrid(self) -> Hybrid:
+        """The guiding spaces, prepared for this search."""
+        assert isinstance(self.searching.expander, Hybrid)
+        return self.searching.expander
+
+    def reset(
+        self, *, seed: int | None = None, options: dict[str, Any] | None = None
+    ) -> tuple[NDArray[np.float32], dict[str, Any]]:
+        """Begin a search; see `GuidedSearchEnv.reset`."""
+        super().reset(seed=seed)
+        _, info = self.searching.reset(seed=seed, options=options)
+        self.searching.attach(self.hybrid)
+        self._turns = Turns(self.hybrid.guides, self.search)
+        self._observation = self._turns.observe()
+        return self._observation.copy(), info
+
+    def step(self, action: int) -> tuple[NDArray[np.float32], float, bool, bool, dict[str, Any]]:
+        """One sample, guided by the guiding space of that index.
+
+        Raises:
+            InvalidInputError: There is no such guiding space.
+            GuidedGymError: There was no reset yet.
+        """
+        search, samples = self.search, self.search.samples
+        if not self.action_space.contains(action):
+            raise InvalidInputError(f"action: expected 0 to {len(self.guides) - 1}, got {action!r}")
+        self.hybrid.current = int(action)
+        finished = search.solved or samples >= self.searching.max_samples
+        node = 0 if finished else self.hybrid.select(search.tree)
+        _, reward, terminated, truncated, info = self.searching.step(node)
+        if search.samples > samples and search.last is not None:
+            self._turns.note(int(action), search.last)
+            self._observation = self._turns.observe()
+        return self._observation.copy(), float(reward), terminated, truncated, info
+
+    def render(self) -> NDArray[np.uint8] | None:  # type: ignore[override]
+        """A picture of the search; see `GuidedSearchEnv.render`."""
+        return self.searching.render()
+
+    def close(self) -> None:
+        """Close the window, if there is one."""
+        self.searching.close()
+
+
+class _AsTold:
+    """The rule of a hybrid whose turns somebody else decides."""
+
+    def reset(self, count: int) -> int:
+        return 0
+
+    def next(self, current: int, expansion: Expansion) -> int:
+        return current
+
+
+class _Nothing:
+    """An observer that observes nothing: what is seen here, `Turns` knows."""
+
+    def build(self, max_nodes: int, max_samples: int) -> spaces.Dict:
+        return spaces.Dict({})
+
+    def reset(self, search: Search) -> None: ...
+
+    def update(self, search: Search, expansion: Expansion) -> None: ...
+
+    def extract(self, search: Search) -> Observation:
+        return {}
