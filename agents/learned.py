@@ -19,7 +19,8 @@ from numpy.typing import NDArray
 from guided_gym.agents import weights
 from guided_gym.agents.field import CostField, FieldArchitecture, FieldModel, Grid
 from guided_gym.agents.scorer import ScorerArchitecture, ScorerColumn, ScorerModel
-from guided_gym.errors import InvalidInputError, UnknownNameError
+from guided_gym.checks import integer, number
+from guided_gym.errors import UnknownNameError
 from guided_gym.guidance.base import GuidingSpace, draw
 from guided_gym.kernels import fields
 
@@ -132,13 +133,9 @@ class LearnedGuidance(GuidingSpace):
         candidates: int = 64,
     ) -> None:
         super().__init__(temperature=temperature, expansion_penalty=0.0)
-        if not 0 <= failure_penalty < np.inf:
-            raise InvalidInputError(f"failure_penalty: expected a number >= 0, got {failure_penalty!r}")
-        if candidates < 1:
-            raise InvalidInputError(f"candidates: expected at least 1, got {candidates!r}")
         self.agent = agent if isinstance(agent, LearnedAgent) else load_named(str(agent))
-        self.failure_penalty = failure_penalty
-        self.candidates = int(candidates)
+        self.failure_penalty = number("failure_penalty", failure_penalty, least=0)
+        self.candidates = integer("candidates", candidates, least=1)
 
     def prepare(self) -> None:
         """Evaluate the field, once per problem."""

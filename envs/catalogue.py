@@ -13,13 +13,14 @@ import numpy as np
 from shapely.geometry import Polygon, box
 from shapely.geometry.base import BaseGeometry
 
+from guided_gym.checks import same_place
 from guided_gym.environment import Environment
 from guided_gym.envs.clutter import random_clutter
 from guided_gym.envs.mazes import hard_point_maze, hard_stick_maze, random_maze, random_point_maze
 from guided_gym.envs.next_mazes import next_point, next_stick
 from guided_gym.envs.shapes import SIZE, columns, cup, rectangle_robot, wall
 from guided_gym.envs.trap_cups import random_trap_cup
-from guided_gym.errors import UnknownNameError
+from guided_gym.errors import InvalidInputError, UnknownNameError
 from guided_gym.problems import FixedProblem, Problem, ProblemDistribution, SampledProblems, Task
 from guided_gym.splits import in_split
 
@@ -118,8 +119,29 @@ _FROM_FILES: dict[str, Callable[[], ProblemDistribution]] = {
 }
 
 
-def register_distribution(name: str, factory: Callable[[], ProblemDistribution]) -> None:
-    """Add a distribution under a name, for `make_distribution`, the command line and `gym.make` options."""
+def register_distribution(
+    name: str, factory: Callable[[], ProblemDistribution], *, replace: bool = False
+) -> None:
+    """Add a distribution under a name, for `make_distribution`, the command line and `gym.make` options.
+
+    Args:
+        name: A word without ``@``, commas or blanks.
+        factory: Makes the distribution. Registering the same function again changes nothing.
+        replace: Whether it may take the place of another distribution of that name.
+
+    Raises:
+        InvalidInputError: No name, one that is taken, or no function.
+    """
+    if not isinstance(name, str) or not name or set(name) & set("@, "):
+        raise InvalidInputError(f"name: expected a word without '@', ',' or blanks, got {name!r}")
+    if not callable(factory):
+        raise InvalidInputError(f"factory: expected a function without arguments, got {factory!r}")
+    taken = (_FROM_FILES | _CATALOGUE).get(name)
+    if not replace and taken is not None and not same_place(taken, factory):
+        raise InvalidInputError(
+            f"environment {name!r}: expected a name that is free, got one that is taken; "
+            "replace=True takes its place"
+        )
     _CATALOGUE[name] = factory
     make_distribution.cache_clear()
 

@@ -18,7 +18,7 @@ from guided_gym.envs.catalogue import make_distribution
 from guided_gym.envs.observations import Observation, Observer, TreeObservation, valid_nodes
 from guided_gym.envs.rewards import Choice, Reward, make_reward
 from guided_gym.errors import GuidedGymError, InvalidInputError, UnknownNameError
-from guided_gym.guidance import make_guidance
+from guided_gym.guidance import make_expander
 from guided_gym.guidance.base import GuidingSpace, draw
 from guided_gym.local_planner import DEFAULT_CANDIDATES
 from guided_gym.problems import FixedProblem, Problem, ProblemDistribution
@@ -445,13 +445,11 @@ def _own_expander(expansion: str | GuidingSpace) -> GuidingSpace | None:
 
     An instance is copied, since ``gym.make_vec`` gives one and the same to each of its environments.
     """
-    if expansion == "uniform":
-        return None
     if not isinstance(expansion, str | GuidingSpace):
         raise InvalidInputError(
             f"expansion: expected 'uniform' or a guiding space or its name, got {expansion!r}"
         )
-    return make_guidance(expansion) if isinstance(expansion, str) else copy.deepcopy(expansion)
+    return make_expander(expansion) if isinstance(expansion, str) else copy.deepcopy(expansion)
 
 
 def _as_index(action: Action) -> int:

@@ -83,5 +83,13 @@ def instance(name: str, value: Any, kind: type[T]) -> T:
     raise InvalidInputError(f"{name}: expected {_article(kind.__name__)}, got {value!r}")
 
 
+def same_place(one: Any, other: Any) -> bool:
+    """Whether two classes or functions were defined in the same place, as when a module is loaded twice."""
+    if one is other:
+        return True
+    names = [(getattr(x, "__module__", None), getattr(x, "__qualname__", None)) for x in (one, other)]
+    return names[0] == names[1] and None not in names[0] and "<lambda>" not in str(names[0][1])
+
+
 def _article(noun: str) -> str:
     return f"{'an' if noun[0] in 'AEIOU' else 'a'} {noun}"

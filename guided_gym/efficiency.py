@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from guided_gym.checks import number
 from guided_gym.errors import InvalidInputError
 
 
@@ -32,10 +33,8 @@ class TargetParameters:
 
     def __post_init__(self) -> None:
         for name in ("delta", "tau"):
-            if not 0 < getattr(self, name) < np.inf:
-                raise InvalidInputError(f"{name}: expected a positive number, got {getattr(self, name)!r}")
-        if not 0 <= self.epsilon < 1:
-            raise InvalidInputError(f"epsilon: expected 0 <= epsilon < 1, got {self.epsilon!r}")
+            number(name, getattr(self, name), above=0)
+        number("epsilon", self.epsilon, least=0, below=1)
         if self.normalisation not in ("start", "tree"):
             raise InvalidInputError(f"normalisation: expected 'start' or 'tree', got {self.normalisation!r}")
 

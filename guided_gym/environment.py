@@ -9,6 +9,7 @@ from functools import cached_property
 import numpy as np
 import numpy.typing as npt
 import shapely
+from shapely.geometry.base import BaseGeometry
 
 from guided_gym.convex import convex_pieces, pack
 from guided_gym.errors import InvalidInputError
@@ -26,7 +27,7 @@ class Environment:
     Attributes:
         bounds: (xmin, ymin, xmax, ymax), length units.
         obstacles: Polygons; they may have holes, overlap each other and stick out of the bounds.
-            Multi-polygons are taken apart.
+            Multi-polygons are taken apart. One polygon alone is one obstacle.
 
     Raises:
         InvalidInputError: Bounds that are not finite and ordered; an obstacle that is empty, non-finite,
@@ -39,7 +40,7 @@ class Environment:
     def __post_init__(self) -> None:
         object.__setattr__(self, "bounds", _checked_bounds(self.bounds))
         polygons: list[shapely.Polygon] = []
-        for number, obstacle in enumerate(self.obstacles):
+        for number, obstacle in enumerate(_as_items("obstacles", self.obstacles, "polygons")):
             polygons.extend(_checked_obstacle(number, obstacle, self.bounds))
         object.__setattr__(self, "obstacles", tuple(polygons))
 
@@ -47,7 +48,7 @@ class Environment:
     def from_polygons(cls, bounds: Sequence[float], rings: Iterable[Ring]) -> Environment:
         """An environment from the corners (V, 2) of each obstacle, closed or not."""
         polygons = []
-        for number, ring in enumerate(rings):
+        for number, ring in enumerate(_as_items("rings", rings, "rings of corners")):
             try:
                 corners = np.asarray(ring, dtype=np.float64)
             except (TypeError, ValueError) as error:
@@ -58,8 +59,10 @@ class Environment:
                 raise InvalidInputError(
                     f"obstacle {number}: expected corners (V, 2) with V >= 3, got shape {corners.shape}"
                 )
+            if not np.isfinite(corners).all():  # shapely would warn first
+                raise InvalidInputError(f"obstacle {number}: expected finite corners, got NaN or infinity")
             polygons.append(shapely.Polygon(corners))
-        return cls(tuple(bounds), tuple(polygons))  # type: ignore[arg-type]
+        return cls(_checked_bounds(bounds), tuple(polygons))
 
     @property
     def extent(self) -> float:
@@ -113,6 +116,15 @@ class Environment:
             shapely.prepare(obstacle)
             occupied |= shapely.intersects_xy(obstacle, x, y).astype(np.uint8)
         return occupied
+
+
+def _as_items(what: str, values: object, kind: str) -> list[object]:
+    if isinstance(values, BaseGeometry):
+        return [values]
+    try:
+        return list(values)  # type: ignore[call-overload, no-any-return]
+    except TypeError:
+        raise InvalidInputError(f"{what}: expected a sequence of {kind}, got {values!r}") from None
 
 
 def _checked_bounds(bounds: Sequence[float]) -> Bounds:

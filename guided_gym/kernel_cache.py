@@ -30,8 +30,8 @@ def ensure_kernel_cache() -> None:
         os.environ[VARIABLE] = folder  # numba reads it anew now and then; workers inherit it
         numba.config.CACHE_DIR = folder  # type: ignore[attr-defined]
         warn(
-            "compiled kernels cannot be kept: neither the package's folder nor the user's cache folder can be "
-            f"written. They are compiled anew in each run; set {VARIABLE} to a folder to keep them."
+            "compiled kernels cannot be kept: neither the package's folder nor the user's cache folder can "
+            f"be written. They are compiled anew in each run; set {VARIABLE} to a folder to keep them."
         )
 
 

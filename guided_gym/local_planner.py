@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from guided_gym.errors import InvalidInputError
+from guided_gym.checks import integer, number
 from guided_gym.kernels.metric import ball_samples, steer
 from guided_gym.space import ConfigurationSpace
 
@@ -33,15 +33,12 @@ class LocalPlanner:
         step: float | None = None,
         candidates: int = DEFAULT_CANDIDATES,
     ) -> None:
-        step = STEP_FRACTION * space.extent if step is None else float(step)
-        if not 0 < step < np.inf:
-            raise InvalidInputError(f"step: expected a positive length, got {step!r}")
-        if candidates < 1:
-            raise InvalidInputError(f"candidates: expected at least 1, got {candidates!r}")
+        if step is None:
+            step = STEP_FRACTION * space.extent
         self.space = space
         self.rng = rng
-        self.step = step
-        self.candidate_count = int(candidates)
+        self.step = number("step", step, above=0, what="length")
+        self.candidate_count = integer("candidates", candidates, least=1)
         self._metric = (space.weights, space.periods)
 
     def candidates(self, q: NDArray[np.float64], count: int | None = None) -> NDArray[np.float64]:

@@ -9,9 +9,11 @@ from dataclasses import dataclass, field
 from functools import cached_property
 
 import numpy as np
+import shapely
 from numpy.typing import ArrayLike, NDArray
 from shapely.geometry.base import BaseGeometry
 
+from guided_gym.checks import instance, integer
 from guided_gym.environment import Environment
 from guided_gym.errors import InvalidInputError
 from guided_gym.robots import Robot
@@ -63,7 +65,8 @@ class Problem:
         rotation_weight: Length per radian in the distance; None for the robot's circumradius.
 
     Raises:
-        InvalidInputError: Start or goal has the wrong dimension, is out of bounds or in collision.
+        InvalidInputError: A part of another type, a rotation weight that is not positive, or a start or goal
+            that has the wrong dimension, is out of bounds or touches them, or is in collision.
     """
 
     robot: Robot
@@ -74,6 +77,8 @@ class Problem:
     rotation_weight: float | None = None
 
     def __post_init__(self) -> None:
+        instance("task", self.task, Task)
+        _check_regions(self.regions)
         space = self.space
         for label, q in (("start", self.task.start), ("goal", self.task.goal)):
             if q.size != space.dimension:
@@ -89,10 +94,16 @@ class Problem:
                 )
             if not space.valid(q):
                 raise InvalidInputError(
-                    f"{self.name}: {label} {q.tolist()} is in collision; expected a free pose"
+                    f"{self.name}: {label} {q.tolist()} is {self._trouble(q)}; expected a free pose"
                 )
         task = Task(space.wrap(self.task.start), space.wrap(self.task.goal))
         object.__setattr__(self, "task", task)
+
+    def _trouble(self, q: NDArray[np.float64]) -> str:
+        """Whether a pose that is not valid hits an obstacle or the bounds."""
+        bounds = shapely.box(*self.environment.bounds)
+        inside = bounds.contains_properly(self.robot.placed(q))
+        return "in collision" if inside else f"touching or crossing the bounds {self.environment.bounds}"
 
     @cached_property
     def space(self) -> ConfigurationSpace:
@@ -105,6 +116,16 @@ class Problem:
         digest = hashlib.sha256(self.space.fingerprint().encode())
         digest.update(self.task.start.tobytes() + self.task.goal.tobytes())
         return digest.hexdigest()
+
+
+def _check_regions(regions: object) -> None:
+    if not isinstance(regions, Mapping):
+        raise InvalidInputError(f"regions: expected names with shapely geometries, got {regions!r}")
+    for name, region in regions.items():
+        if not (isinstance(name, str) and isinstance(region, BaseGeometry)):
+            raise InvalidInputError(
+                f"regions: expected names with shapely geometries, got {name!r}: {region!r}"
+            )
 
 
 class ProblemDistribution(ABC):
@@ -125,8 +146,12 @@ class ProblemDistribution(ABC):
         """Draw one problem M ~ D."""
 
     def problem(self, seed: int) -> Problem:
-        """The problem of one seed."""
-        return self.sample(np.random.default_rng(seed))
+        """The problem of one seed.
+
+        Raises:
+            InvalidInputError: The seed is no integer >= 0.
+        """
+        return self.sample(np.random.default_rng(integer("seed", seed, least=0)))
 
 
 class FixedProblem(ProblemDistribution):
@@ -164,7 +189,7 @@ class ProblemList(ProblemDistribution):
 
     def problem(self, seed: int) -> Problem:
         """Problem number ``seed``, modulo their number."""
-        return self[seed % len(self)]
+        return self[integer("seed", seed, least=0) % len(self)]
 
 
 class SampledProblems(ProblemDistribution):

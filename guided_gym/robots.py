@@ -10,6 +10,7 @@ import numpy as np
 import numpy.typing as npt
 import shapely
 
+from guided_gym.checks import number
 from guided_gym.convex import convex_pieces
 from guided_gym.errors import InvalidInputError
 
@@ -102,9 +103,7 @@ class Robot:
 
 
 def _positive(what: str, value: float) -> float:
-    if not (np.isfinite(value) and value > 0):
-        raise InvalidInputError(f"a robot's {what} must be a positive finite number, got {value!r}")
-    return float(value)
+    return number(f"a robot's {what}", value, above=0)
 
 
 def _polygon_of(coords: Sequence[Sequence[float]] | FloatArray) -> shapely.Polygon:

@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
+from guided_gym.checks import flag, instance, integer, number
 from guided_gym.efficiency import DEFAULT_TARGET, TargetParameters, jensen_shannon, sampling_efficiency
 from guided_gym.errors import InvalidInputError
 from guided_gym.kernels.extend import FAILED, GREW, REACHED, REACHED_TOLERANCE, attempt, grow_rrt
@@ -35,13 +36,13 @@ class SearchOptions:
         candidates: Members of N_C(v) that a guided expansion looks at.
         goal_tolerance: The search also ends when a node is this near to the goal; 0 for the paper's rule
             alone, a valid edge from the new node to t.
-        rewire: RRT*-style: a new node takes the best parent nearby, then becomes one itself.
+        rewire: RRT*-style: a new node takes the best parent within one step, then becomes one itself.
         target: Parameters of the target distribution Q.
         goal_edge: Whether the paper's rule holds. Without it a search ends only where `goal_tolerance` says,
             and its path ends at that node: the rule of benchmarks with a goal region.
 
     Raises:
-        InvalidInputError: A goal tolerance that is negative or not finite, or no rule by which to end.
+        InvalidInputError: A value of the wrong type or out of range, or no rule by which to end.
     """
 
     step: float | None = None
@@ -52,8 +53,13 @@ class SearchOptions:
     goal_edge: bool = True
 
     def __post_init__(self) -> None:
-        if not 0 <= self.goal_tolerance < np.inf:
-            raise InvalidInputError(f"goal_tolerance: expected a length >= 0, got {self.goal_tolerance!r}")
+        if self.step is not None:
+            number("step", self.step, above=0, what="length")
+        integer("candidates", self.candidates, least=1)
+        number("goal_tolerance", self.goal_tolerance, least=0, what="length")
+        flag("rewire", self.rewire)
+        flag("goal_edge", self.goal_edge)
+        instance("target", self.target, TargetParameters)
         if not self.goal_edge and self.goal_tolerance == 0:
             raise InvalidInputError("goal_tolerance: expected a length > 0 without goal_edge, got 0")
 
@@ -129,9 +135,9 @@ class Search:
         options: SearchOptions | None = None,
         capacity: int = 256,
     ) -> None:
-        self.problem = problem
+        self.problem = instance("problem", problem, Problem)
         self.space = problem.space
-        self.options = options or SearchOptions()
+        self.options = SearchOptions() if options is None else instance("options", options, SearchOptions)
         # Writable copies: the kernels would compile once more for read-only arrays.
         self.start, self.goal = problem.task.start.copy(), problem.task.goal.copy()
         self._metric = (self.space.weights, self.space.periods)
@@ -309,7 +315,7 @@ class Record:
     best: NDArray[np.float64]
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class SearchResult:
     """What `guided_search` returns.
 
@@ -345,6 +351,20 @@ class SearchResult:
         """Sum of SE over the samples (0 after the search has finished)."""
         return float(self.record.efficiency.sum())
 
+    @property
+    def length(self) -> float:
+        """Length of the path, in the space's distance; NaN if none was found."""
+        if self.path is None:
+            return math.nan
+        return float(self.tree.space.distance(self.path[:-1], self.path[1:]).sum())
+
+    def __repr__(self) -> str:
+        found = f"a path of length {self.length:.4g}" if self.solved else "no path"
+        return (
+            f"SearchResult({found}, {self.samples} samples, {len(self.tree)} nodes, "
+            f"total SE {self.total_efficiency:.4g} nats)"
+        )
+
 
 def guided_search(
     problem: Problem,
@@ -373,14 +393,14 @@ def guided_search(
         progress: Called with the number of samples so far.
 
     Raises:
-        InvalidInputError: max_samples is no positive integer, or the seed no integer >= 0.
+        InvalidInputError: An argument of the wrong type, max_samples no positive integer, or the seed no
+            integer >= 0.
         NoPathError: ``measure`` is on and no path joins start and goal.
         UnknownNameError: No guiding space has that name.
     """
     from guided_gym.guidance import make_guidance
 
-    if not (isinstance(max_samples, int | np.integer) and max_samples >= 1):
-        raise InvalidInputError(f"max_samples: expected at least 1, got {max_samples!r}")
+    max_samples = integer("max_samples", max_samples, least=1)
     guidance = make_guidance(guidance)
     _, expansion_rng, guidance_rng = streams(seed)
     search = Search(problem, expansion_rng, guidance_rng, options)
@@ -413,16 +433,17 @@ def proposer(
     search: Search, guidance: GuidingSpace | None, expansion: GuidingSpace | str | None
 ) -> Callable[[int], NDArray[np.float64]]:
     """The function from a node to x_new that an ``expansion`` option stands for (see `guided_search`)."""
-    from guided_gym.guidance import make_guidance
+    from guided_gym.guidance import make_expander
 
-    if expansion == "uniform":
-        return lambda node: search.planner.uniform(search.tree._configurations[node])
     if expansion is None:
         if guidance is None:
             raise InvalidInputError("expansion: expected 'uniform' or a guiding space, got None")
         chosen = guidance
     else:
-        chosen = make_guidance(expansion)
+        expander = make_expander(expansion)
+        if expander is None:
+            return lambda node: search.planner.uniform(search.tree._configurations[node])
+        chosen = expander
         if chosen is not guidance:  # else it is attached already, and would learn everything twice
             search.attach(chosen)
     return lambda node: chosen.propose(search.tree, node)

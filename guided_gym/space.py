@@ -10,6 +10,7 @@ import numpy as np
 import numpy.typing as npt
 import shapely
 
+from guided_gym.checks import instance, number
 from guided_gym.convex import pack
 from guided_gym.environment import Environment
 from guided_gym.errors import InvalidInputError
@@ -66,9 +67,11 @@ class ConfigurationSpace:
             tolerance: Collision tolerance (length); 1e-6 of the diagonal of the bounds by default.
 
         Raises:
-            InvalidInputError: A weight or tolerance that is not positive and finite, or a tolerance so small
-                beside the coordinates that rounding would matter.
+            InvalidInputError: No robot or environment, a weight or tolerance that is not positive and finite,
+                or a tolerance so small beside the coordinates that rounding would matter.
         """
+        instance("robot", robot, Robot)
+        instance("environment", environment, Environment)
         self.robot = robot
         self.environment = environment
         self.dimension = robot.dimension
@@ -76,10 +79,8 @@ class ConfigurationSpace:
         xmin, ymin, xmax, ymax = environment.bounds
         turns = self.dimension == 3
         weight = robot.radius if rotation_weight is None else rotation_weight
-        if turns and not (math.isfinite(weight) and weight > 0):
-            raise InvalidInputError(
-                f"the rotation weight must be positive and finite, got {rotation_weight!r}"
-            )
+        if turns:
+            weight = number("rotation_weight", weight, above=0)
         angles = slice(0, 3 if turns else 2)
         self.lower = _frozen([xmin, ymin, -math.pi][angles])
         self.upper = _frozen([xmax, ymax, math.pi][angles])

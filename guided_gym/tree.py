@@ -62,6 +62,9 @@ class SearchTree:
     def __len__(self) -> int:
         return self._n
 
+    def __repr__(self) -> str:
+        return f"SearchTree({self._n} nodes, {self._failed} failed expansions, d={self.space.dimension})"
+
     @property
     def failure_count(self) -> int:
         """Number of failed expansions."""

@@ -10,6 +10,7 @@ import importlib
 import inspect
 from typing import Any
 
+from guided_gym.checks import same_place
 from guided_gym.errors import InvalidInputError, UnknownNameError
 from guided_gym.guidance.base import GuidingSpace
 from guided_gym.guidance.environment_modification import PRM, LazyPRM
@@ -39,15 +40,28 @@ _GUIDANCE: dict[str, type[GuidingSpace]] = {
 _FAMILIES = {"learned": "guided_gym.agents.learned"}
 
 
-def register_guidance(cls: type[GuidingSpace]) -> type[GuidingSpace]:
+def register_guidance(cls: type[GuidingSpace], *, replace: bool = False) -> type[GuidingSpace]:
     """Class decorator: makes a guiding space known under its ``name``, everywhere a name is taken.
 
+    Args:
+        cls: The class. Registering the same one again, from a module loaded anew, is fine.
+        replace: Whether it may take the place of another class of that name.
+
     Raises:
-        InvalidInputError: The class has no name, or one that means something in a guidance string.
+        InvalidInputError: No guiding space, or its name is missing, taken, or means something in a guidance
+            string.
     """
-    if not cls.name or set(cls.name) & set("+:, "):
+    if not (isinstance(cls, type) and issubclass(cls, GuidingSpace)):
+        raise InvalidInputError(f"register_guidance: expected a subclass of GuidingSpace, got {cls!r}")
+    if not isinstance(cls.name, str) or not cls.name or set(cls.name) & set("+:,@ "):
         raise InvalidInputError(
-            f"{cls.__name__}.name: expected a word without '+', ':', ',' or blanks, got {cls.name!r}"
+            f"{cls.__name__}.name: expected a word without '+', ':', ',', '@' or blanks, got {cls.name!r}"
+        )
+    taken = _GUIDANCE.get(cls.name)
+    if not replace and taken is not None and not same_place(taken, cls):
+        raise InvalidInputError(
+            f"guidance {cls.name!r}: expected a name that is free, got that of {taken.__module__}."
+            f"{taken.__qualname__}; replace=True takes its place"
         )
     _GUIDANCE[cls.name] = cls
     return cls
@@ -104,6 +118,8 @@ def make_guidance(guidance: GuidingSpace | str, **options: Any) -> GuidingSpace:
     if not isinstance(guidance, str):
         raise InvalidInputError(f"guidance: expected a name or a guiding space, got {guidance!r}")
     if "+" in guidance:
+        if not all(part.strip() for part in guidance.split("+")):
+            raise InvalidInputError(f"guidance: expected names joined by '+', got {guidance!r}")
         return make_guidance("hybrid", guides=guidance.split("+"), **options)
     cls = guidance_class(guidance)
     known = list(inspect.signature(cls.__init__).parameters)[1:]
@@ -111,6 +127,19 @@ def make_guidance(guidance: GuidingSpace | str, **options: Any) -> GuidingSpace:
         if option not in known:
             raise UnknownNameError(f"option of guidance {guidance!r}:", option, known)
     return cls(**options)
+
+
+def make_expander(expansion: GuidingSpace | str) -> GuidingSpace | None:
+    """Who proposes x_new: None for ``"uniform"``, the local planner's ball, else as in `make_guidance`.
+
+    Raises:
+        UnknownNameError: No such guiding space; the nearest name, or ``"uniform"``, is suggested.
+    """
+    if expansion == "uniform":
+        return None
+    if isinstance(expansion, str) and not set(expansion) & set("+:") and expansion not in _GUIDANCE:
+        raise UnknownNameError("expansion", expansion, ["uniform", *_GUIDANCE])
+    return make_guidance(expansion)
 
 
 __all__ = [
@@ -127,6 +156,7 @@ __all__ = [
     "Voronoi",
     "guidance_class",
     "guidance_names",
+    "make_expander",
     "make_guidance",
     "register_guidance",
 ]

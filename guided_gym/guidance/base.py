@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any, ClassVar
 import numpy as np
 from numpy.typing import NDArray
 
+from guided_gym.checks import number
 from guided_gym.errors import InvalidInputError
 
 if TYPE_CHECKING:
@@ -36,11 +37,8 @@ class GuidingSpace(ABC):
     name: ClassVar[str] = ""
 
     def __init__(self, *, temperature: float = 0.0, expansion_penalty: float = 0.1) -> None:
-        for label, value in (("temperature", temperature), ("expansion_penalty", expansion_penalty)):
-            if not 0 <= value < np.inf:
-                raise InvalidInputError(f"{label}: expected a number >= 0, got {value!r}")
-        self.temperature = temperature
-        self.expansion_penalty = expansion_penalty
+        self.temperature = number("temperature", temperature, least=0)
+        self.expansion_penalty = number("expansion_penalty", expansion_penalty, least=0)
 
     def reset(self, search: Search) -> None:
         """Forget the last search and get ready for a new one."""
@@ -82,7 +80,9 @@ class GuidingSpace(ABC):
 
     def evaluate(self, tree: SearchTree, first: int, last: int) -> NDArray[np.float64]:
         """(last - first,) h of the nodes that have come since; called once for each."""
-        return self.heuristic(self.project(tree, tree._configurations[first:last]))
+        return self._checked(
+            self.heuristic(self.project(tree, tree._configurations[first:last])), last - first
+        )
 
     def values(self, tree: SearchTree) -> NDArray[np.float64]:
         """(n,) h(P_T(v)) of each node, the penalty for its expansions so far included."""
@@ -116,8 +116,23 @@ class GuidingSpace(ABC):
     def propose(self, tree: SearchTree, node: int) -> NDArray[np.float64]:
         """(d,) x_new: the member of N_C(v) with the least h, among the local planner's candidates."""
         candidates = self.planner.candidates(tree._configurations[node])
-        best: NDArray[np.float64] = candidates[np.argmin(self.heuristic(self.project(tree, candidates)))]
+        h = self._checked(self.heuristic(self.project(tree, candidates)), len(candidates))
+        best: NDArray[np.float64] = candidates[np.argmin(h)]
         return best
+
+    def _checked(self, h: Any, count: int) -> NDArray[np.float64]:
+        """What `heuristic` returned, if it is ``count`` values of h."""
+        what = f"{type(self).__name__}.heuristic: expected ({count},) numbers >= 0, infinite for no guidance"
+        try:
+            values = np.asarray(h, np.float64)
+        except (TypeError, ValueError) as error:
+            raise InvalidInputError(f"{what}; got {h!r}") from error
+        if values.shape != (count,):
+            raise InvalidInputError(f"{what}; got shape {values.shape}")
+        if not (values >= 0).all():  # nor is NaN
+            bad = int(np.argmin(values >= 0))
+            raise InvalidInputError(f"{what}; got {values[bad]} for state {bad}")
+        return values
 
 
 class NodeValues:
@@ -161,18 +176,6 @@ class NodeValues:
     def _charge(self, tree: SearchTree, nodes: int | slice | NDArray[np.int64]) -> None:
         expansions = tree._failures[nodes] + tree._children[nodes]
         self._totals[nodes] = self._h[nodes] + self._penalty * expansions
-
-
-def positive(**values: float) -> tuple[float, ...]:
-    """The values, in order.
-
-    Raises:
-        InvalidInputError: One of them is not a positive finite number.
-    """
-    for label, value in values.items():
-        if not 0 < value < np.inf:
-            raise InvalidInputError(f"{label}: expected a positive number, got {value!r}")
-    return tuple(values.values())
 
 
 def draw(p: NDArray[np.float64], rng: np.random.Generator) -> int:

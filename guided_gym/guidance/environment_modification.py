@@ -7,8 +7,7 @@ from typing import TYPE_CHECKING, ClassVar
 import numpy as np
 from numpy.typing import NDArray
 
-from guided_gym.errors import InvalidInputError
-from guided_gym.guidance.base import positive
+from guided_gym.checks import integer, number
 from guided_gym.guidance.roadmap import Anchors, Roadmap, RoadmapGuidance
 from guided_gym.kernels.anchors import drop_anchors
 from guided_gym.kernels.nearest import GrowingIndex
@@ -43,10 +42,9 @@ class SampledRoadmap(RoadmapGuidance):
         expansion_penalty: float = 0.1,
     ) -> None:
         super().__init__(temperature=temperature, expansion_penalty=expansion_penalty)
-        for label, value in (("vertices", vertices), ("neighbours", neighbours), ("anchors", anchors)):
-            if value < 1:
-                raise InvalidInputError(f"{label}: expected at least 1, got {value!r}")
-        self.vertices, self.neighbours, self.anchor_count = vertices, neighbours, anchors
+        self.vertices = integer("vertices", vertices, least=1)
+        self.neighbours = integer("neighbours", neighbours, least=1)
+        self.anchor_count = integer("anchors", anchors, least=1)
 
     def samples(self, count: int) -> NDArray[np.float64]:
         """(count + 1, d) vertices, the goal last."""
@@ -147,7 +145,8 @@ class LazyPRM(SampledRoadmap):
             temperature=temperature,
             expansion_penalty=expansion_penalty,
         )
-        self.radius, self.check = positive(radius=radius, check=check)
+        self.radius = number("radius", radius, above=0)
+        self.check = number("check", check, above=0)
 
     def prepare(self) -> None:
         """Build the first roadmap."""

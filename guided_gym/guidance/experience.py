@@ -8,8 +8,8 @@ from typing import TYPE_CHECKING, ClassVar
 import numpy as np
 from numpy.typing import NDArray
 
+from guided_gym.checks import integer, number
 from guided_gym.errors import InvalidInputError
-from guided_gym.guidance.base import positive
 from guided_gym.guidance.roadmap import AnchoredNodes, Anchors, Roadmap, RoadmapGuidance
 from guided_gym.guidance.search_space import Voronoi
 from guided_gym.kernels.nearest import GrowingIndex
@@ -60,8 +60,8 @@ class PathDatabase(RoadmapGuidance):
                 "path_database: expected a database of paths (database=FILE), got none; "
                 "`guided-gym database build ENV --paths N` makes one"
             )
-        if similar < 1:
-            raise InvalidInputError(f"similar: expected at least 1, got {similar!r}")
+        if paths is not None:
+            paths = integer("paths", paths, least=0)
         self._header: DatabaseHeader | None = None
         if isinstance(database, str | Path):
             from guided_gym.database import PathDatabase as Store
@@ -69,11 +69,14 @@ class PathDatabase(RoadmapGuidance):
             with Store.open(database, readonly=True) as store:
                 self._file, self._header = str(database), store.header
                 database = store.load(paths)
+        elif not hasattr(database, "most_similar"):
+            raise InvalidInputError(f"database: expected a file or a PathLibrary, got {database!r}")
         elif paths is not None:
             database = database.subset(paths)
         self.library: PathLibrary = database
-        self.similar = similar
-        self.radius, self.check = positive(radius=radius, check=check)
+        self.similar = integer("similar", similar, least=1)
+        self.radius = number("radius", radius, above=0)
+        self.check = number("check", check, above=0)
         self._fallback = Voronoi()
 
     def prepare(self) -> None:

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, ClassVar
 import numpy as np
 from numpy.typing import NDArray
 
-from guided_gym.guidance.base import positive
+from guided_gym.checks import number
 from guided_gym.guidance.roadmap import Anchors, Roadmap, RoadmapGuidance
 from guided_gym.kernels.anchors import nearest_segments
 from guided_gym.kernels.shortest_paths import graph_from_edges
@@ -43,7 +43,8 @@ class MedialAxis(RoadmapGuidance):
         expansion_penalty: float = 1.0,
     ) -> None:
         super().__init__(temperature=temperature, expansion_penalty=expansion_penalty)
-        self.growth, self.spacing = positive(growth=growth, spacing=spacing)
+        self.growth = number("growth", growth, above=0)
+        self.spacing = number("spacing", spacing, above=0)
 
     def build(self) -> Roadmap:
         """The skeleton, with the goal's projection as a vertex of its own."""

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, ClassVar
 import numpy as np
 from numpy.typing import NDArray
 
-from guided_gym.errors import InvalidInputError
+from guided_gym.checks import integer, number
 from guided_gym.guidance.base import GuidingSpace
 from guided_gym.kernels.cells import assign_cells
 
@@ -96,12 +96,8 @@ class Voronoi(GuidingSpace):
 
     def __init__(self, *, goal_bias: float = 0.0, cell_samples: int = 4096) -> None:
         super().__init__(expansion_penalty=0.0)
-        if not 0 <= goal_bias < 1:
-            raise InvalidInputError(f"goal_bias: expected 0 <= goal_bias < 1, got {goal_bias!r}")
-        if cell_samples < 1:
-            raise InvalidInputError(f"cell_samples: expected at least 1, got {cell_samples!r}")
-        self.goal_bias = goal_bias
-        self.cell_samples = cell_samples
+        self.goal_bias = number("goal_bias", goal_bias, least=0, below=1)
+        self.cell_samples = integer("cell_samples", cell_samples, least=1)
 
     def prepare(self) -> None:
         """Nothing is drawn yet."""

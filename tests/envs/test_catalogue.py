@@ -11,7 +11,7 @@ import shapely
 from guided_gym.environment import Environment
 from guided_gym.envs import catalogue
 from guided_gym.envs.catalogue import distribution_names, make_distribution, register_distribution
-from guided_gym.errors import NoPathError, UnknownNameError
+from guided_gym.errors import InvalidInputError, NoPathError, UnknownNameError
 from guided_gym.oracle import Oracle, oracle_for
 from guided_gym.problems import FixedProblem, Problem, Task
 from guided_gym.robots import Robot
@@ -157,4 +157,18 @@ def test_register_distribution__adds_a_row(monkeypatch: pytest.MonkeyPatch) -> N
     register_distribution("Empty", lambda: FixedProblem(empty))
     assert distribution_names()[-1] == "Empty"
     assert make_distribution("Empty").problem(0) is empty
+    make_distribution.cache_clear()
+
+
+def test_register_distribution__keeps_what_has_the_name(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(catalogue, "_CATALOGUE", dict(catalogue._CATALOGUE))
+    cup = make_distribution("Cup")
+    with pytest.raises(InvalidInputError, match="replace=True"):
+        register_distribution("Cup", lambda: make_distribution("Trap"))
+    assert make_distribution("Cup") is cup
+    register_distribution("Cup", lambda: make_distribution("Trap"), replace=True)
+    assert make_distribution("Cup").name == "Trap"
+    for name, factory in (("", dict), ("a@b", dict), (3, dict), ("Free", cup.problem(0))):
+        with pytest.raises(InvalidInputError, match="expected"):
+            register_distribution(name, factory)  # type: ignore[arg-type]
     make_distribution.cache_clear()

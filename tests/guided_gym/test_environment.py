@@ -97,6 +97,26 @@ def test_bad_rings_are_refused(ring):
         Environment.from_polygons(BOUNDS, [ring])
 
 
+def test_one_polygon_is_one_obstacle():
+    block = shapely.box(1, 0, 2, 1)
+    assert Environment(BOUNDS, block) == Environment(BOUNDS, (block,))
+
+
+def test_obstacles_that_are_none_are_refused():
+    with pytest.raises(InvalidInputError, match="rings: expected a sequence"):
+        Environment.from_polygons(BOUNDS, None)
+    with pytest.raises(InvalidInputError, match="obstacles: expected a sequence"):
+        Environment(BOUNDS, 3)
+    with pytest.raises(InvalidInputError, match="bounds must be finite"):
+        Environment.from_polygons(None, [])
+
+
+def test_corners_that_are_not_finite_are_refused_without_a_warning(recwarn):
+    with pytest.raises(InvalidInputError, match="obstacle 0: expected finite corners"):
+        Environment.from_polygons(BOUNDS, [[(0, 0), (1, np.nan), (1, 1)]])
+    assert not recwarn.list
+
+
 def test_raster_needs_a_cell(room):
     with pytest.raises(InvalidInputError, match="at least one cell"):
         room.raster(0)

@@ -33,7 +33,7 @@ def test_a_folder_that_can_be_written_is_left_alone():
     with warnings.catch_warnings():
         warnings.simplefilter("error")
         kernel_cache.ensure_kernel_cache()
-    assert numba.config.CACHE_DIR == before
+    assert before == numba.config.CACHE_DIR
 
 
 def test_without_any_a_private_one_serves_until_the_end(monkeypatch):
@@ -42,7 +42,7 @@ def test_without_any_a_private_one_serves_until_the_end(monkeypatch):
         kernel_cache.ensure_kernel_cache()
     assert len(caught) == 1
     folder = Path(os.environ[kernel_cache.VARIABLE])  # for workers
-    assert numba.config.CACHE_DIR == str(folder)
+    assert str(folder) == numba.config.CACHE_DIR
     assert stat.S_IMODE(folder.stat().st_mode) == 0o700
     kernel_cache._remove(str(folder), os.getpid() + 1)
     assert folder.is_dir()  # a fork leaves it to its parent

@@ -52,7 +52,7 @@ def test_task__is_a_read_only_copy() -> None:
         ((1, 5), "start needs 3 coordinates"),
         ((-1, 5, 0), "out of bounds"),
         ((5, 5, 0), "in collision"),
-        ((0.1, 5, 0), "in collision"),  # the robot sticks out of the bounds
+        ((0.1, 5, 0), "touching or crossing the bounds"),  # the robot sticks out of the bounds
         ((3.7, 5, 0), "in collision"),
     ],
 )
@@ -92,6 +92,29 @@ def test_problem__survives_pickling_and_copying() -> None:
         assert twin.fingerprint == base.fingerprint
         assert twin.regions["left"].equals(base.regions["left"])
         assert twin.space.motion_free(twin.task.start, twin.task.start)
+
+
+@pytest.mark.parametrize(
+    ("parts", "message"),
+    [
+        ((3, E, Task((1, 5, 0), (9, 5, 0))), "robot: expected a Robot, got 3"),
+        ((R, (0, 0, 1, 1), Task((1, 5, 0), (9, 5, 0))), "environment: expected an Environment, got"),
+        ((R, E, ((1, 5, 0), (9, 5, 0))), "task: expected a Task, got"),
+        ((R, E, Task((1, 5, 0), (9, 5, 0)), "p", {"left": (0, 4)}), "regions: expected names with shapely"),
+        ((R, E, Task((1, 5, 0), (9, 5, 0)), "p", ["left"]), "regions: expected names with shapely"),
+        ((R, E, Task((1, 5, 0), (9, 5, 0)), "p", {}, "one"), "rotation_weight: expected a positive number"),
+    ],
+)
+def test_problem__refuses_parts_of_another_type(parts: tuple, message: str) -> None:
+    with pytest.raises(InvalidInputError, match=message):
+        Problem(*parts)
+
+
+@pytest.mark.parametrize("seed", [-1, 1.5, "one", None])
+def test_distributions__refuse_what_is_no_seed(seed: object) -> None:
+    drawn = SampledProblems("D", lambda rng: problem((1, rng.uniform(1, 9), 0)), "many")
+    with pytest.raises(InvalidInputError, match="seed: expected an integer"):
+        drawn.problem(seed)  # type: ignore[arg-type]
 
 
 def test_distributions__give_one_problem_per_seed() -> None:

@@ -52,9 +52,9 @@ def test_polygon_orientation_does_not_matter():
 @pytest.mark.parametrize(
     ("make", "message"),
     [
-        (lambda: Robot.rectangle(-1.0, 1.0), "length must be a positive"),
-        (lambda: Robot.rectangle(1.0, math.nan), "width must be a positive"),
-        (lambda: Robot.segment(0.0), "length must be a positive"),
+        (lambda: Robot.rectangle(-1.0, 1.0), "length: expected a positive"),
+        (lambda: Robot.rectangle(1.0, math.nan), "width: expected a positive"),
+        (lambda: Robot.segment(0.0), "length: expected a positive"),
         (lambda: Robot.polygon([(0, 0), (1, 1)]), r"V >= 3, got shape \(2, 2\)"),
         (lambda: Robot.polygon([(0, 0), (1, 1), (1, math.inf)]), "finite"),
         (lambda: Robot.polygon([(0, 0), (1, 1), (1, 0), (0, 1)]), "Self-intersection"),

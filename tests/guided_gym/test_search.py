@@ -310,11 +310,13 @@ def test_expand__takes_lists_and_other_arrays(walled: Walled) -> None:
         ({"max_samples": 2.5}, "max_samples"),
         ({"seed": -1}, "seed"),
         ({"seed": "a"}, "seed"),
+        ({"options": {"step": 1.0}}, "options: expected a SearchOptions"),
+        ({"problem": 3}, "problem: expected a Problem, got 3"),
     ],
 )
 def test_guided_search__refuses_what_makes_no_sense(walled: Walled, wrong: dict, message: str) -> None:
     with pytest.raises(InvalidInputError, match=message):
-        guided_search(walled("rectangle"), "rrt", **wrong)
+        guided_search(**{"problem": walled("rectangle"), "guidance": "rrt", **wrong})
 
 
 def test_guided_search__suggests_names(walled: Walled) -> None:
@@ -322,12 +324,43 @@ def test_guided_search__suggests_names(walled: Walled) -> None:
         guided_search(walled("rectangle"), "lazyprm")
     with pytest.raises(UnknownNameError, match="uninformed"):
         guided_search(walled("rectangle"), "rrt", expansion="unifrmed")
+    with pytest.raises(UnknownNameError, match="expansion 'unifrom'; did you mean 'uniform'"):
+        guided_search(walled("rectangle"), "rrt", expansion="unifrom")
 
 
-@pytest.mark.parametrize("wrong", [{"goal_tolerance": -1.0}, {"goal_tolerance": math.nan}])
+@pytest.mark.parametrize(
+    "wrong",
+    [
+        {"goal_tolerance": -1.0},
+        {"goal_tolerance": math.nan},
+        {"goal_tolerance": "near"},
+        {"step": 0.0},
+        {"step": "long"},
+        {"candidates": 2.5},
+        {"candidates": 0},
+        {"rewire": "yes"},
+        {"goal_edge": 1},
+        {"target": (0.1, 0.1)},
+    ],
+)
 def test_options__refuse_what_makes_no_sense(wrong: dict) -> None:
-    with pytest.raises(InvalidInputError, match="goal_tolerance"):
+    with pytest.raises(InvalidInputError, match=f"{next(iter(wrong))}: expected"):
         SearchOptions(**wrong)
+
+
+def test_result__says_what_was_found(walled: Walled) -> None:
+    found = guided_search(walled("rectangle"), "oracle", seed=0, measure=False)
+    assert found.path is not None
+    assert found.length == pytest.approx(
+        found.tree.cost_to_come[-1] + found.tree.space.distance(found.path[-2], found.path[-1])
+    )
+    assert repr(found).startswith(
+        f"SearchResult(a path of length {found.length:.4g}, {found.samples} samples"
+    )
+    assert repr(found.tree).startswith(f"SearchTree({len(found.tree)} nodes")
+    lost = guided_search(walled("rectangle"), "rrt", seed=0, max_samples=3)
+    assert math.isnan(lost.length)
+    assert repr(lost).startswith("SearchResult(no path, 3 samples")
 
 
 def test_progress__is_told_the_samples(walled: Walled) -> None:

@@ -338,8 +338,8 @@ def test_non_finite_motions_are_never_free(space, bad):
 @pytest.mark.parametrize(
     ("options", "message"),
     [
-        ({"rotation_weight": 0.0}, "rotation weight"),
-        ({"rotation_weight": math.nan}, "rotation weight"),
+        ({"rotation_weight": 0.0}, "rotation_weight"),
+        ({"rotation_weight": math.nan}, "rotation_weight"),
         ({"tolerance": 0.0}, "tolerance must be"),
         ({"tolerance": math.nan}, "tolerance must be"),
         ({"tolerance": 1e-12}, "at least"),

@@ -298,7 +298,7 @@ def test_make_guidance__takes_names_paths_and_instances() -> None:
         make_guidance(instance, goal_bias=0.1)
     with pytest.raises(UnknownNameError, match="did you mean 'lazy_prm'"):
         make_guidance("lazyprm")
-    with pytest.raises(UnknownNameError):
+    with pytest.raises(InvalidInputError, match="names joined by"):
         make_guidance("lazy_prm+")
 
 
@@ -343,7 +343,7 @@ def test_registering__takes_thirty_lines(monkeypatch: pytest.MonkeyPatch, walled
         make_guidance("workspace", scal=1)
 
 
-@pytest.mark.parametrize("name", ["", "a+b", "a:b", "a b", "a,b"])
+@pytest.mark.parametrize("name", ["", "a+b", "a:b", "a b", "a,b", "a@b", None, 3])
 def test_registering__refuses_names_that_would_be_misread(name: str) -> None:
     class Nameless(guiding.Uninformed):
         pass
@@ -351,6 +351,80 @@ def test_registering__refuses_names_that_would_be_misread(name: str) -> None:
     Nameless.name = name
     with pytest.raises(InvalidInputError, match="expected a word"):
         register_guidance(Nameless)
+
+
+def test_registering__keeps_what_has_the_name(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(guiding, "_GUIDANCE", dict(guiding._GUIDANCE))
+
+    class Mine(guiding.Uninformed):
+        name: ClassVar[str] = "rrt"
+
+    with pytest.raises(InvalidInputError, match=r"Voronoi; replace=True"):
+        register_guidance(Mine)
+    assert type(make_guidance("rrt")) is guiding.Voronoi
+    register_guidance(Mine, replace=True)
+    assert type(make_guidance("rrt")) is Mine
+    twin = type("Mine", (Mine,), {"__qualname__": Mine.__qualname__, "__module__": Mine.__module__})
+    assert register_guidance(twin) is twin  # a module that was loaded anew
+    for nothing in (Robot, Mine(), None):
+        with pytest.raises(InvalidInputError, match="subclass of GuidingSpace"):
+            register_guidance(nothing)
+
+
+class Given(GuidingSpace):
+    """Its h is what it is given."""
+
+    def __init__(self, h) -> None:
+        super().__init__()
+        self.h = h
+
+    def project(self, tree, q):
+        return q
+
+    def heuristic(self, states):
+        return self.h(len(states))
+
+
+@pytest.mark.parametrize(
+    ("h", "message"),
+    [
+        (lambda n: np.full(n, -1.0), "got -1.0 for state 0"),
+        (lambda n: np.full(n, np.nan), "got nan"),
+        (lambda n: np.zeros((n, 2)), "got shape"),
+        (lambda n: 1.0, r"got shape \(\)"),
+        (lambda n: ["far"] * n, "got \\['far'"),
+        (lambda n: None, "got None|got nan|got shape"),
+    ],
+)
+def test_h__of_a_users_guiding_space_is_checked(walled: Walled, h, message: str) -> None:
+    with pytest.raises(InvalidInputError, match=rf"Given\.heuristic: expected .*{message}"):
+        guided_search(walled("point"), Given(h), seed=0, max_samples=5, measure=False)
+
+
+@pytest.mark.parametrize("h", [lambda n: np.full(n, np.inf), lambda n: [0] * n])
+def test_h__may_be_infinite_and_need_not_be_an_array(walled: Walled, h) -> None:
+    assert guided_search(walled("point"), Given(h), seed=0, max_samples=5, measure=False).samples == 5
+
+
+@pytest.mark.parametrize(
+    ("name", "options"),
+    [
+        ("lazy_prm", {"vertices": "many"}),
+        ("lazy_prm", {"radius": None}),
+        ("prm", {"neighbours": 2.5}),
+        ("prm", {"anchors": True}),
+        ("rrt", {"goal_bias": float("nan")}),
+        ("rrt", {"cell_samples": "4"}),
+        ("medial_axis", {"growth": "fast"}),
+        ("goal_distance", {"temperature": [1]}),
+        ("hybrid", {"guides": 3}),
+        ("hybrid", {"rule": "swap"}),
+        ("path_database", {"database": 3}),
+    ],
+)
+def test_options__of_the_wrong_type_are_refused(name: str, options: dict[str, object]) -> None:
+    with pytest.raises(InvalidInputError, match=rf"{next(iter(options))}: expected .*, got"):
+        make_guidance(name, **options)
 
 
 def test_robot__without_turning_has_two_coordinates() -> None:
