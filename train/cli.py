@@ -13,6 +13,7 @@ import typer
 from typer.core import TyperGroup
 
 from guided_gym.errors import GuidedGymError
+from guided_gym.train.training_cli import train_app
 
 if TYPE_CHECKING:
     from rich.console import Console
@@ -50,6 +51,7 @@ app = typer.Typer(
 )
 database_app = typer.Typer(help="Build and inspect databases of solved paths.", no_args_is_help=True)
 app.add_typer(database_app, name="database")
+app.add_typer(train_app, name="train")
 
 Workers = Annotated[int, typer.Option(help="Processes that search.")]
 Seeds = Annotated[int, typer.Option(help="Searches per environment and guidance, seeds counted from 0.")]
@@ -148,7 +150,7 @@ def evaluate(
     )
     names, guidances = _words(env), _words(guidance)
     folder = out or Path("results") / "+".join(names)
-    with _progress(f"Evaluating on {', '.join(names)}", folder) as progress:
+    with progress_bar(f"Evaluating on {', '.join(names)}", folder) as progress:
         results = run(
             names, guidances, seeds=seeds, workers=workers, out=folder, settings=settings,
             database=database, imports=imports or (), progress=progress,
@@ -172,7 +174,7 @@ def reproduce(
     from guided_gym.train.reproduction import reproduce as run
     from guided_gym.train.reproduction import save_report
 
-    with _progress("Reproducing the paper", out) as progress:
+    with progress_bar("Reproducing the paper", out) as progress:
         report = run(seeds=seeds, workers=workers, out=out, baselines=baselines, progress=progress)
     with _drawing(figures) as drawn:
         written = save_report(report, out, figures=figures, drawn=drawn)
@@ -197,7 +199,7 @@ def database_build(
 
     import_modules(imports or ())
     file = out or Path("databases") / f"{env}.sqlite"
-    with _progress(f"Solving {env}", file) as progress:
+    with progress_bar(f"Solving {env}", file) as progress:
         report = build_path_database(
             env, file, paths, workers=workers, offset=seed, imports=tuple(imports or ()), progress=progress
         )
@@ -246,7 +248,7 @@ def _names_table(title: str, rows: list[tuple[str, str]]) -> Any:
 
 
 @contextlib.contextmanager
-def _progress(title: str, place: Path) -> Iterator[Callable[..., None]]:
+def progress_bar(title: str, place: Path) -> Iterator[Callable[..., None]]:
     """A progress bar on stderr; after Ctrl-C, what is done and how to go on."""
     from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
 

@@ -252,9 +252,9 @@ def wave(slowness: Field, room: Field, frame: FloatArray) -> Field:
     sides = 6 if turns > 1 else 4
     space = slowness.size * (sides + 1)
     keys, items, size = np.empty(space, dtype=np.float32), np.empty(space, dtype=np.int32), 0
-    for v, value in enumerate(u.flat):
-        if value < np.inf:
-            _push(keys, items, size, value, v)
+    for v, seed in enumerate(u.flat):
+        if seed < np.inf:
+            _push(keys, items, size, seed, v)
             size += 1
     left, last = 0, 0.0
     for item in slowness.flat:
@@ -268,7 +268,7 @@ def wave(slowness: Field, room: Field, frame: FloatArray) -> Field:
             continue
         known[r, c, k] = True
         left -= 1 if slowness[r, c, k] <= 1.0 else 0
-        last = float(key)
+        last = max(last, key)
         for side in range(sides):
             rr, cc, kk = r, c, k
             if side < 2:
@@ -326,6 +326,32 @@ def look_up(qs: FloatArray, field: Field, frame: FloatArray) -> FloatArray:
         straight = goal_distance(qs[m, 0], qs[m, 1], qs[m, 2] if qs.shape[1] > 2 else 0.0, frame)
         out[m] = max(summed / total if total > 1e-6 else blocked, straight)
     return out
+
+
+@njit(cache=True)
+def corners(
+    qs: FloatArray, field: Field, frame: FloatArray
+) -> tuple[npt.NDArray[np.int64], npt.NDArray[np.float32]]:
+    """What `look_up` interpolates: (m, 8) flat indices into the field and their shares, which sum to 1.
+
+    All shares are 0 where every corner seems blocked.
+    """
+    n, turns = field.shape[0], field.shape[2]
+    places = np.zeros((qs.shape[0], 8), dtype=np.int64)
+    shares = np.zeros((qs.shape[0], 8), dtype=np.float32)
+    for m in range(qs.shape[0]):
+        j, i, k, fy, fx, ft = _cell(qs[m], n, turns, frame)
+        total = 0.0
+        for corner in range(8 if turns > 1 else 4):
+            a, b, c = corner & 1, corner >> 1 & 1, corner >> 2
+            places[m, corner] = ((j + b) * n + i + a) * turns + (k + c) % turns
+            if field[j + b, i + a, (k + c) % turns] >= 0.0:
+                share = (fx if a else 1.0 - fx) * (fy if b else 1.0 - fy) * (ft if c else 1.0 - ft)
+                shares[m, corner] = share
+                total += share
+        for corner in range(8):
+            shares[m, corner] = shares[m, corner] / total if total > 1e-6 else 0.0
+    return places, shares
 
 
 @njit(cache=True)

@@ -125,3 +125,16 @@ def test_crowding__is_one_at_a_point_and_nothing_far_off() -> None:
     near, far = fields.crowding(q, points, 0.5, 0.1)
     assert near == pytest.approx(1.0, abs=1e-3)
     assert far == 0.0
+
+
+def test_corners__are_what_look_up_interpolates() -> None:
+    rng = np.random.default_rng(0)
+    field = (rng.random((4, 4, 8)) + 5).astype(np.float32)
+    field[rng.random(field.shape) < 0.3] *= -1
+    frame = frame_of(n=4, weight=0.1)
+    q = rng.random((50, 3)) * [1, 1, 6]
+    places, shares = fields.corners(q, field, frame)
+    some = shares.sum(axis=1) > 0
+    mixed = (np.abs(field).ravel()[places] * shares).sum(axis=1)
+    assert some.sum() > 40
+    assert np.allclose(mixed[some], fields.look_up(q, field, frame)[some], atol=1e-4)

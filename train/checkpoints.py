@@ -1,0 +1,140 @@
+"""The folder of a training run: its configuration, its checkpoint, and what it may be continued with.
+
+A checkpoint is one safetensors file, written whole or not at all: a killed run continues from the last one.
+"""
+
+from __future__ import annotations
+
+import json
+import tomllib
+from collections.abc import Mapping
+from dataclasses import asdict, fields, is_dataclass
+from pathlib import Path
+from typing import Any, Final, TypeVar
+
+import numpy as np
+from numpy.typing import NDArray
+
+from guided_gym.agents.weights import pack_tensors, read_bytes, unpack_tensors, write_atomically
+from guided_gym.errors import InvalidInputError, StorageError, UnknownNameError
+
+CONFIG_FILE: Final = "config.toml"
+CHECKPOINT_FILE: Final = "checkpoint.safetensors"
+_STATE: Final = "state.json"
+
+Tensors = dict[str, NDArray[Any]]
+C = TypeVar("C")
+
+
+def to_toml(config: Any) -> str:
+    """A flat dataclass of numbers, words and lists of them as TOML."""
+    if not is_dataclass(config) or isinstance(config, type):
+        raise InvalidInputError(f"expected a dataclass of options, got {config!r}")
+    return "".join(f"{name} = {_toml(value)}\n" for name, value in asdict(config).items())
+
+
+def _toml(value: Any) -> str:
+    if isinstance(value, list | tuple):
+        return "[" + ", ".join(_toml(item) for item in value) + "]"
+    return json.dumps(value)
+
+
+def read_config(file: Path) -> dict[str, Any]:
+    """The options in a TOML file.
+
+    Raises:
+        StorageError: It is missing or not TOML.
+    """
+    try:
+        return tomllib.loads(read_bytes(file, "a configuration").decode("utf-8"))
+    except (UnicodeDecodeError, tomllib.TOMLDecodeError) as error:
+        raise StorageError(f"{file}: expected TOML: {error}") from None
+
+
+def build_config(kind: type[C], options: Mapping[str, Any]) -> C:
+    """A dataclass of options, each checked against the type of its default.
+
+    Raises:
+        UnknownNameError: An option that it does not have; the nearest one is suggested.
+        InvalidInputError: A value of another type, or one that the dataclass refuses.
+    """
+    known = {field.name: field for field in fields(kind)}  # type: ignore[arg-type]
+    values: dict[str, Any] = {}
+    for name, value in options.items():
+        if name not in known:
+            raise UnknownNameError("option", name, known)
+        default = known[name].default
+        wanted = type(default)
+        if isinstance(value, list):
+            value = tuple(value)
+        if wanted is float and type(value) is int:
+            value = float(value)
+        if wanted in (int, float, str, bool, tuple) and type(value) is not wanted:
+            raise InvalidInputError(f"{name}: expected {wanted.__name__}, got {value!r}")
+        values[name] = value
+    return kind(**values)
+
+
+class RunFolder:
+    """The folder of one run.
+
+    Args:
+        path: The folder; made if it is not there.
+        config: The run's configuration, a flat dataclass.
+        kind: What kind of training, for messages.
+
+    Raises:
+        StorageError: The folder holds another run or other files; nothing in it is changed.
+    """
+
+    def __init__(self, path: Path, config: Any, kind: str) -> None:
+        self.path = path
+        text = f"# guided-gym train {kind} --config {CONFIG_FILE}\n" + to_toml(config)
+        file = path / CONFIG_FILE
+        if file.is_file():
+            there = read_bytes(file, "a configuration").decode("utf-8", "replace")
+            if there != text:
+                changed = sorted(set(text.splitlines()) ^ set(there.splitlines()))
+                raise StorageError(
+                    f"{path}: expected the folder of the same run, got another one's; they differ in "
+                    f"{'; '.join(changed[:6])}. Choose another folder (--out) to train anew"
+                )
+        elif path.exists() and (not path.is_dir() or any(path.iterdir())):
+            raise StorageError(f"{path}: expected a folder of ours or an empty one; nothing was written")
+        else:
+            write_atomically(file, text.encode())
+
+    def save(self, state: Mapping[str, Any], tensors: Mapping[str, NDArray[Any]]) -> None:
+        """Replace the checkpoint."""
+        text = np.frombuffer(json.dumps(state).encode(), np.uint8)
+        write_atomically(self.path / CHECKPOINT_FILE, pack_tensors({**tensors, _STATE: text}))
+
+    def load(self) -> tuple[dict[str, Any], Tensors] | None:
+        """State and tensors of the last checkpoint; None if there is none yet.
+
+        Raises:
+            StorageError: The checkpoint is damaged.
+        """
+        file = self.path / CHECKPOINT_FILE
+        if not file.exists():
+            return None
+        return self.read(file)
+
+    @staticmethod
+    def read(file: Path) -> tuple[dict[str, Any], Tensors]:
+        """State and tensors of a file that `save` or `keep` wrote.
+
+        Raises:
+            StorageError: It is damaged.
+        """
+        tensors = unpack_tensors(read_bytes(file, "a checkpoint"), file)
+        try:
+            state = json.loads(tensors.pop(_STATE).tobytes())
+        except (KeyError, ValueError):
+            raise StorageError(f"{file}: expected a checkpoint, got tensors without a state") from None
+        return state, tensors
+
+    def keep(self, name: str, state: Mapping[str, Any], tensors: Mapping[str, NDArray[Any]]) -> None:
+        """Write a file of data that need not be computed again."""
+        text = np.frombuffer(json.dumps(state).encode(), np.uint8)
+        write_atomically(self.path / name, pack_tensors({**tensors, _STATE: text}))
