@@ -11,7 +11,7 @@ import json
 import math
 import os
 import tempfile
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any, Final
 
@@ -25,6 +25,7 @@ Tensors = dict[str, NDArray[Any]]
 CARD_FILE: Final = "card.json"
 WEIGHTS_FILE: Final = "weights.safetensors"
 CARD_FORMAT: Final = 1
+AGENT_KIND: Final = "guided-gym agent"
 
 _DTYPES: Final[dict[str, np.dtype[Any]]] = {
     "F16": np.dtype("<f2"),
@@ -165,14 +166,14 @@ def save_agent(folder: Path, card: Mapping[str, Any], tensors: Mapping[str, NDAr
         StorageError: The folder cannot be written.
     """
     data = pack_tensors(tensors)
-    content = {"format": CARD_FORMAT, "kind": "guided-gym agent", **card}
+    content = {"format": CARD_FORMAT, "kind": AGENT_KIND, **card}
     content["weights_sha256"] = hashlib.sha256(data).hexdigest()
     write_atomically(folder / WEIGHTS_FILE, data)
     write_atomically(folder / CARD_FILE, (json.dumps(content, indent=2) + "\n").encode())
 
 
-def load_card(folder: Path) -> dict[str, Any]:
-    """The card of an agent.
+def load_card(folder: Path, kind: str = AGENT_KIND, required: Sequence[str] = _REQUIRED) -> dict[str, Any]:
+    """The card of an agent, or of what else `kind` says.
 
     Raises:
         StorageError: There is none, or it is not one of ours, or of another format.
@@ -182,23 +183,26 @@ def load_card(folder: Path) -> dict[str, Any]:
         card = json.loads(read_bytes(file, "an agent's card").decode("utf-8"))
     except (UnicodeDecodeError, ValueError, RecursionError) as error:
         raise StorageError(f"{file}: expected JSON, got something else: {error}") from None
-    if not isinstance(card, dict) or card.get("kind") != "guided-gym agent":
-        raise StorageError(f"{file}: expected the card of a guided-gym agent, got another JSON file")
+    if not isinstance(card, dict) or card.get("kind") != kind:
+        found = card.get("kind") if isinstance(card, dict) else None
+        raise StorageError(f"{file}: expected the card of a {kind}, got {found or 'another JSON file'}")
     if card.get("format") != CARD_FORMAT:
         raise StorageError(f"{file}: expected card format {CARD_FORMAT}, got {card.get('format')!r}")
-    missing = [key for key in _REQUIRED if key not in card]
+    missing = [key for key in required if key not in card]
     if missing:
-        raise StorageError(f"{file}: expected the entries {', '.join(_REQUIRED)}; missing: {missing}")
+        raise StorageError(f"{file}: expected the entries {', '.join(required)}; missing: {missing}")
     return card
 
 
-def load_agent(folder: Path) -> tuple[dict[str, Any], Tensors]:
-    """Card and tensors of an agent.
+def load_agent(
+    folder: Path, kind: str = AGENT_KIND, required: Sequence[str] = _REQUIRED
+) -> tuple[dict[str, Any], Tensors]:
+    """Card and tensors of an agent, or of what else `kind` says.
 
     Raises:
         StorageError: A file is missing, truncated, foreign, or not the one that the card was written for.
     """
-    card = load_card(folder)
+    card = load_card(folder, kind, required)
     file = folder / WEIGHTS_FILE
     data = read_bytes(file, "an agent's weights")
     tensors = unpack_tensors(data, file)
