@@ -13,6 +13,7 @@ from functools import cache, lru_cache
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from guided_gym.checks import integer
 from guided_gym.efficiency import TargetParameters
 from guided_gym.errors import InvalidInputError
 from guided_gym.local_planner import DEFAULT_CANDIDATES
@@ -27,6 +28,7 @@ if TYPE_CHECKING:
 PROBLEM_MODULES = (
     "catalogue", "clutter", "grids", "mazes", "next_mazes", "placement", "shapes", "trap_cups",
 )  # fmt: skip
+LEARNED = "learned:"  # before the name or folder of a learned agent
 DATABASE_GUIDANCE = "path_database"  # the guidance that ``--database`` is for
 
 
@@ -135,16 +137,8 @@ class EvaluationSettings:
     goal_edge: bool = True
 
     def __post_init__(self) -> None:
-        if self.max_samples < 1:
-            raise InvalidInputError(f"max_samples: expected at least 1, got {self.max_samples!r}")
-        if self.step is not None and not 0 < self.step < float("inf"):
-            raise InvalidInputError(f"step: expected a positive length, got {self.step!r}")
-        if self.candidates < 1:
-            raise InvalidInputError(f"candidates: expected at least 1, got {self.candidates!r}")
-        if not 0 <= self.goal_tolerance < float("inf"):
-            raise InvalidInputError(f"goal_tolerance: expected a number >= 0, got {self.goal_tolerance!r}")
-        if not self.goal_edge and self.goal_tolerance == 0:
-            raise InvalidInputError("goal_tolerance: expected a length > 0 without goal_edge, got 0")
+        integer("max_samples", self.max_samples, least=1)
+        self.search_options()  # checks the rest
 
     def search_options(self) -> SearchOptions:
         """The part of it that `guided_gym.search.Search` takes."""
@@ -181,9 +175,23 @@ def settings_content(environment: str, spec: GuidanceSpec, settings: EvaluationS
         "results_version": RESULTS_VERSION,
         "code": code_fingerprint(),
         "problem": make_distribution(environment).problem(0).fingerprint,
-        "guidance": {"name": spec.name, "options": options},
+        "guidance": {"name": spec.name, "options": options, **_agents_content(spec, settings)},
         "settings": asdict(settings),
     }
+
+
+def _agents_content(spec: GuidanceSpec, settings: EvaluationSettings) -> dict[str, Any]:
+    """The learned agents that take part, by their weights and the code that runs them."""
+    names = [spec.name, settings.expansion or ""]
+    for _, value in spec.options:
+        names += [item for item in value if isinstance(item, str)] if isinstance(value, tuple) else []
+    parts = [part for name in names for part in name.split("+")]
+    agents = [part.removeprefix(LEARNED) for part in parts if part.startswith(LEARNED)]
+    if not agents:
+        return {}
+    from guided_gym.agents.learned import fingerprint as agent_fingerprint
+
+    return {"agents": [agent_fingerprint(agent) for agent in agents]}
 
 
 def fingerprint(content: Mapping[str, Any]) -> str:
