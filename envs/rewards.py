@@ -49,7 +49,7 @@ class EfficiencyReward:
 
     def __call__(self, choice: Choice) -> float:
         """-SE of the choice, in nats."""
-        return -choice.sampling_efficiency
+        return 0.0 - choice.sampling_efficiency  # never -0.0
 
     def worst(self, target: TargetParameters) -> float:
         """The log of epsilon, since Q >= epsilon."""
@@ -66,7 +66,7 @@ class JensenShannonReward:
         if p is None:
             p = np.zeros(q.size)
             p[choice.node] = 1.0
-        return -jensen_shannon(p, q)
+        return 0.0 - jensen_shannon(p, q)
 
     def worst(self, target: TargetParameters) -> float:
         """-log 2, the bound of D_JS."""

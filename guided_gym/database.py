@@ -24,7 +24,7 @@ from numpy.typing import ArrayLike
 from guided_gym.errors import InvalidInputError, StorageError
 from guided_gym.kernels.nearest import checked_metric
 from guided_gym.path_library import FloatArray, PathLibrary, checked_path, path_length
-from guided_gym.sqlite_file import FileFormat, connect, storage_errors, transaction
+from guided_gym.sqlite_file import FileFormat, connect, require_sound, storage_errors, transaction
 
 if TYPE_CHECKING:
     from guided_gym.space import ConfigurationSpace
@@ -340,9 +340,8 @@ class PathDatabase:
         Raises:
             StorageError: SQLite or a row's checksum finds damage.
         """
-        report = [text for (text,) in self._rows("PRAGMA integrity_check")]
-        if report != ["ok"]:
-            raise StorageError(f"{self.path} is damaged: expected a sound SQLite file, got: {report[:3]}")
+        with storage_errors(self.path, FORMAT, "read"):
+            require_sound(self._connection, self.path, FORMAT, "integrity_check")
         self.load()
 
     def _rows(self, query: str, values: tuple[Any, ...] = ()) -> list[Any]:
@@ -399,7 +398,8 @@ def _read_header(path: Path, rows: list[Any]) -> DatabaseHeader:
             raise ValueError(f"format {meta['format']!r}, dimension {meta['dimension']!r}")
     except (ValueError, TypeError, KeyError) as error:
         raise StorageError(
-            f"{path} is damaged: expected the entries of a {FORMAT.name} in its table meta, got {error!r}"
+            f"{path} is damaged: expected the entries of a {FORMAT.name} in its table meta, got a "
+            f"missing or wrong one: {error}"
         ) from error
     return header
 

@@ -7,13 +7,14 @@ import os
 import struct
 import tempfile
 import threading
-import warnings
 import zlib
 from pathlib import Path
 
 import numpy as np
 import numpy.typing as npt
 import platformdirs
+
+from guided_gym.errors import warn
 
 FieldArray = npt.NDArray[np.float32]
 LinkArray = npt.NDArray[np.uint8]
@@ -51,6 +52,17 @@ class FieldStore:
             return cls(None)
         folder = Path(named).expanduser() if named else Path(platformdirs.user_cache_dir("guided-gym"))
         return cls(folder / "oracle")
+
+    def trouble(self) -> OSError | None:
+        """Why nothing can be kept, found out by trying; None where it can be, or is not meant to be."""
+        if self.folder is None:
+            return None
+        try:
+            self.folder.mkdir(parents=True, exist_ok=True)
+            with tempfile.TemporaryFile(dir=self.folder):
+                return None
+        except OSError as error:
+            return error
 
     def load(self, key: str, size: int) -> tuple[FieldArray, LinkArray] | None:
         """The field and links (size,) stored under a key (64 hex digits), or None."""
@@ -135,9 +147,19 @@ _warned = threading.Event()
 def _warn_once(folder: Path, error: OSError) -> None:
     if not _warned.is_set():
         _warned.set()
-        warnings.warn(
+        warn(
             f"the cache folder {folder} cannot be used ({error}); working without it. "
-            f"Set {ENVIRONMENT_VARIABLE} to another folder, or to 'off'.",
-            RuntimeWarning,
-            stacklevel=4,
+            f"Set {ENVIRONMENT_VARIABLE} to another folder, or to 'off'."
         )
+
+
+def warn_before_workers() -> None:
+    """Warn here if nothing can be kept: the workers, which would each find out, have `warn_no_more`."""
+    store = FieldStore.default()
+    if store.folder is not None and (error := store.trouble()) is not None:
+        _warn_once(store.folder, error)
+
+
+def warn_no_more() -> None:
+    """Leave warning to the process that started this one."""
+    _warned.set()

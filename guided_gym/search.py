@@ -352,6 +352,11 @@ class SearchResult:
         return float(self.record.efficiency.sum())
 
     @property
+    def efficiency_per_sample(self) -> float:
+        """Mean of SE over the samples; 0 where the start saw the goal and none was drawn."""
+        return self.total_efficiency / self.samples if self.samples else 0.0
+
+    @property
     def length(self) -> float:
         """Length of the path, in the space's distance; NaN if none was found."""
         if self.path is None:

@@ -115,7 +115,8 @@ def _check_place(path: Path, kind: FileFormat, mode: Mode) -> None:
         raise StorageError(f"cannot read {path}: {error}") from error
     # A file that is still empty is one in the making, by this call or by another process.
     if head != _SQLITE_MAGIC and (head or mode != "create"):
-        raise StorageError(f"expected a {kind.name} (an SQLite file) at {path}, got one that begins {head!r}")
+        what = "something else" if head else "an empty file"
+        raise StorageError(f"expected a {kind.name} (an SQLite file) at {path}, got {what}")
 
 
 def _open(path: Path | None, mode: Mode) -> sqlite3.Connection:
@@ -178,6 +179,15 @@ def _check(connection: sqlite3.Connection, path: Path | None, kind: FileFormat) 
         )
     if version != kind.version:
         raise StorageError(f"expected a {kind.name} of version {kind.version} at {path}, got {version}")
-    report = [text for (text,) in connection.execute("PRAGMA quick_check")]
-    if report != ["ok"]:
-        raise StorageError(f"{path} is damaged: expected a sound {kind.name}, got: {report[:3]}")
+    require_sound(connection, path, kind, "quick_check")
+
+
+def require_sound(connection: sqlite3.Connection, path: Path | None, kind: FileFormat, check: str) -> None:
+    """Have SQLite check the file, by its ``quick_check`` or ``integrity_check``.
+
+    Raises:
+        StorageError: It finds damage; the first that it finds is said.
+    """
+    found = str(connection.execute(f"PRAGMA {check}(1)").fetchone()[0])
+    if found != "ok":
+        raise StorageError(f"{path} is damaged: expected a sound {kind.name}, got: {' '.join(found.split())}")

@@ -13,7 +13,9 @@ from collections.abc import Callable, Iterable, Iterator
 from concurrent.futures.process import BrokenProcessPool
 from typing import Protocol, TypeVar
 
+from guided_gym.checks import integer
 from guided_gym.errors import GuidedGymError, InvalidInputError
+from guided_gym.oracle_store import warn_before_workers, warn_no_more
 
 WORKER_DIED = (
     "expected the worker processes to live, but one died (killed, out of memory, or started from a script "
@@ -61,7 +63,7 @@ def worker_pool(workers: int, prepare: Callable[[], None] | None = None) -> Iter
         InvalidInputError: workers is not positive, or what they are to run is not importable.
         GuidedGymError: A worker died.
     """
-    if workers == 1:
+    if integer("workers", workers, least=1) == 1:
         if prepare is not None:
             prepare()
         yield _in_order
@@ -86,9 +88,9 @@ def start_workers(
     Raises:
         InvalidInputError: workers is not positive, or ``prepare`` is not importable.
     """
-    if workers < 1:
-        raise InvalidInputError(f"workers: expected at least 1, got {workers!r}")
+    integer("workers", workers, least=1)
     _check_importable(prepare)
+    warn_before_workers()
     return concurrent.futures.ProcessPoolExecutor(
         workers,
         mp_context=multiprocessing.get_context("spawn"),
@@ -149,6 +151,7 @@ def _start_worker(prepare: Callable[[], None] | None) -> None:
     """Leave Ctrl-C, which a terminal sends to the workers too, to the parent; end when it is killed."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     threading.Thread(target=_end_with_parent, daemon=True).start()
+    warn_no_more()
     if prepare is not None:
         prepare()
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import sys
+import warnings
 from collections import Counter
 from collections.abc import Callable, Iterator
 from pathlib import Path
@@ -12,7 +13,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 from typer.core import TyperGroup
 
-from guided_gym.errors import GuidedGymError
+from guided_gym.errors import GuidedGymError, GuidedGymWarning, InvalidInputError
 from guided_gym.train.training_cli import train_app
 
 if TYPE_CHECKING:
@@ -64,7 +65,20 @@ Imports = Annotated[
 
 def main() -> None:
     """Entry point of the console script."""
+    warnings.formatwarning = _one_line
     app()
+
+
+_usual = warnings.formatwarning
+
+
+def _one_line(
+    message: Warning | str, category: type[Warning], filename: str, lineno: int, line: str | None = None
+) -> str:
+    """A warning of ours as the line it is; others as usual."""
+    if issubclass(category, GuidedGymWarning):
+        return f"guided-gym: warning: {message}\n"
+    return _usual(message, category, filename, lineno, line)
 
 
 def _print_version(wanted: bool) -> None:
@@ -85,10 +99,12 @@ def _root(
 
 
 @app.command("list")
-def list_names() -> None:
+def list_names(imports: Imports = None) -> None:
     """Name the environments, guidances and robots that there are."""
     from guided_gym.train.overview import overview
+    from guided_gym.train.specs import import_modules
 
+    import_modules(imports or ())
     console = _console()
     for title, rows in overview().items():
         console.print(_names_table(title, rows))
@@ -148,7 +164,7 @@ def evaluate(
         distributions=distributions,
         goal_edge=goal_edge,
     )
-    names, guidances = _words(env), _words(guidance)
+    names, guidances = _words("env", env), _words("guidance", guidance)
     folder = out or Path("results") / "+".join(names)
     with progress_bar(f"Evaluating on {', '.join(names)}", folder) as progress:
         results = run(
@@ -223,8 +239,12 @@ def doctor() -> None:
         _console().print(_names_table(title, rows))
 
 
-def _words(text: str) -> list[str]:
-    return [word for word in (part.strip() for part in text.split(",")) if word]
+def _words(option: str, text: str) -> list[str]:
+    """The items of a list with commas; none of nothing."""
+    words = [part.strip() for part in text.split(",")] if text.strip() else []
+    if not all(words):
+        raise InvalidInputError(f"{option}: expected names separated by commas, got an empty one in {text!r}")
+    return words
 
 
 def _console(stderr: bool = False) -> Console:

@@ -12,10 +12,11 @@ import numpy as np
 import shapely
 from numpy.typing import NDArray
 
+from guided_gym.checks import integer
 from guided_gym.errors import InvalidInputError, StorageError
 from guided_gym.problems import Problem
 from guided_gym.search import SearchResult, guided_search
-from guided_gym.train.results import Results, ResultsFile, Run
+from guided_gym.train.results import RESULTS_FILE, Results, ResultsFile, Run
 from guided_gym.train.specs import (
     DATABASE_GUIDANCE,
     EvaluationSettings,
@@ -121,11 +122,14 @@ def run_plans(
     progress: Progress | None = None,
 ) -> Results:
     """`evaluate` for any list of (environment, guidance, settings); same arguments, same errors."""
-    wanted = _checked_seeds(seeds)
+    wanted = checked_seeds(seeds)
+    integer("workers", workers, least=1)
     if not plans or not wanted:
         raise InvalidInputError("expected at least one environment, one guidance and one seed, got none")
     check_plans(plans)
     groups = [_Group(plan, fingerprint(_content(plan))) for plan in plans]
+    if out is None or not (Path(out) / RESULTS_FILE).exists():
+        _pose_first(plans, wanted[0])  # what has no path leaves no file either
     with ResultsFile.in_folder(None if out is None else Path(out)) as file:
         for group in groups:
             file.describe(group.fingerprint, _content(group.plan))
@@ -154,6 +158,7 @@ def as_specs(
 
     Raises:
         StorageError: There is no such database.
+        InvalidInputError: There is a database, but no guidance that uses one.
     """
     if isinstance(guidances, str | GuidanceSpec):
         guidances = [guidances]
@@ -161,6 +166,11 @@ def as_specs(
     if database is not None and not Path(database).is_file():
         raise StorageError(f"expected a path database at {database}, but there is no such file")
     if database is not None:
+        if all(spec.name != DATABASE_GUIDANCE for spec in specs):
+            raise InvalidInputError(
+                f"database: expected {DATABASE_GUIDANCE} among the guidances, which uses it; "
+                f"got {', '.join(spec.label for spec in specs)}"
+            )
         specs = [
             spec.with_default("database", str(database)) if spec.name == DATABASE_GUIDANCE else spec
             for spec in specs
@@ -175,13 +185,13 @@ def check_plans(plans: Sequence[Plan]) -> None:
         GuidedGymError: Of the kind that says what is wrong: an unknown name, a bad option, no database.
     """
     from guided_gym.envs.catalogue import make_distribution
-    from guided_gym.guidance import make_guidance
+    from guided_gym.guidance import make_expander
 
     for plan in plans:
         make_distribution(plan.environment)
         made(plan.spec)
-        if plan.settings.expansion not in (None, "uniform"):
-            make_guidance(plan.settings.expansion)
+        if plan.settings.expansion is not None:
+            make_expander(plan.settings.expansion)
     labels = [(plan.environment, plan.spec.label) for plan in plans]
     if len(set(labels)) < len(labels):
         raise InvalidInputError(f"expected plans with different labels, got {labels}")
@@ -210,13 +220,35 @@ def _content(plan: Plan) -> dict[str, object]:
     return settings_content(plan.environment, plan.spec, plan.settings)
 
 
-def _checked_seeds(seeds: int | Iterable[int]) -> list[int]:
-    wanted = list(range(seeds)) if isinstance(seeds, int) else list(dict.fromkeys(seeds))
+def _pose_first(plans: Sequence[Plan], seed: int) -> None:
+    """Pose the first problem of each environment, and solve its oracle, which the searches need anyway.
+
+    Raises:
+        NoPathError: One of them has no path.
+    """
+    from guided_gym.envs.catalogue import make_distribution
+
+    for plan in {plan.environment: plan for plan in plans}.values():
+        settings = plan.settings
+        distribution = make_distribution(plan.environment)
+        _optimum(problem_of(distribution, seed, settings.goal_tolerance, settings.goal_edge))
+
+
+def checked_seeds(seeds: int | Iterable[int]) -> list[int]:
+    """The seeds, each once, in order; of a number, as many, counted from 0.
+
+    Raises:
+        InvalidInputError: One is no integer in [0, 2**63), or their number is not positive.
+    """
+    if isinstance(seeds, int | np.integer) and not isinstance(seeds, bool):
+        seeds = range(integer("seeds", seeds, least=1))
+    try:
+        wanted = list(dict.fromkeys(seeds))
+    except TypeError:
+        raise InvalidInputError(f"seeds: expected a number or several seeds, got {seeds!r}") from None
     for seed in wanted:
         if not isinstance(seed, int | np.integer) or isinstance(seed, bool) or not 0 <= seed < 2**63:
             raise InvalidInputError(f"seeds: expected integers in [0, 2**63), got {seed!r}")
-    if isinstance(seeds, int) and seeds < 1:
-        raise InvalidInputError(f"seeds: expected at least 1, got {seeds!r}")
     return [int(seed) for seed in wanted]
 
 

@@ -80,10 +80,11 @@ def efficiency_over_samples(
         colour = looks.colour(name)
         axes.fill_between(x, low, high, color=colour, alpha=0.18, linewidth=0)
         axes.plot(x, array.mean(axis=0), color=colour, linestyle=looks.dash(name), label=looks.label(name))
-    axes.set(xlabel="samples", ylabel=EFFICIENCY_LABEL, title=title)
+    label = EFFICIENCY_LABEL if window == 1 else f"{EFFICIENCY_LABEL},\nmean of {window} samples"
+    axes.set(xlabel="samples", ylabel=label, title=title)
     axes.set_xlim(1, max(_last_sample(values) for values in series.values()))
     axes.set_ylim(bottom=0)
-    axes.legend(loc="upper right")
+    axes.legend(loc="upper left", bbox_to_anchor=(1.0, 1.0))
     return figure
 
 

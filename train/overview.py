@@ -7,6 +7,7 @@ import os
 import platform
 import sys
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -88,22 +89,32 @@ def _has_display() -> bool:
     return bool(os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY"))
 
 
+def _kernel_cache() -> str:
+    """Where numba says that it keeps a kernel."""
+    from guided_gym.kernels.metric import steer
+
+    stats: Any = steer.stats
+    return str(getattr(stats, "cache_path", None) or "unknown")
+
+
 def _folders() -> Rows:
     import guided_gym
     from guided_gym.oracle_store import FieldStore
 
-    folder = FieldStore.default().folder
+    store = FieldStore.default()
+    folder, trouble = store.folder, store.trouble()
     if folder is None:
         cache = "switched off by GUIDED_GYM_CACHE=off"
     else:
         files = [file for file in folder.rglob("*") if file.is_file()] if folder.is_dir() else []
         size = sum(file.stat().st_size for file in files) / 2**20
-        nearest = next(place for place in (folder, *folder.parents) if place.exists())
-        state = "writable" if os.access(nearest, os.W_OK) else "NOT writable: works without a cache"
+        state = "writable"
+        if trouble is not None:
+            state = f"NOT usable, works without it: {trouble.strerror or trouble}"
         cache = f"{folder} ({len(files)} files, {size:.1f} MiB, {state})"
     package = Path(guided_gym.__file__).parent
     return [
         ("package", str(package)),
         ("oracle cache", cache),
-        ("compiled kernels", os.environ.get("NUMBA_CACHE_DIR") or str(package / "kernels" / "__pycache__")),
+        ("compiled kernels", _kernel_cache()),
     ]

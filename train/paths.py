@@ -8,6 +8,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from guided_gym.checks import integer
 from guided_gym.database import DatabaseHeader
 from guided_gym.database_build import BuildReport, Progress, build_database
 from guided_gym.errors import InvalidInputError, StorageError
@@ -90,6 +91,8 @@ def build_path_database(
     """
     from guided_gym.envs.catalogue import make_distribution
 
+    integer("paths", n_paths, least=1)
+    integer("workers", workers, least=1)
     distribution = make_distribution(environment)
     if not 0 <= offset < 2**62:
         raise InvalidInputError(f"seed: expected an integer in [0, 2**62), got {offset!r}")

@@ -16,7 +16,7 @@ from guided_gym.train.claims import (
     check_claims,
     database_label,
 )
-from guided_gym.train.evaluation import Plan, run_plans
+from guided_gym.train.evaluation import Plan, checked_seeds, run_plans
 from guided_gym.train.paths import build_path_database
 from guided_gym.train.results import RESULTS_FILE, Results
 from guided_gym.train.specs import DATABASE_GUIDANCE, GuidanceSpec
@@ -90,6 +90,7 @@ def reproduce(
         StorageError: The results file or the database is corrupt, foreign or not accessible.
         InvalidInputError: seeds or workers is out of range.
     """
+    checked_seeds(seeds)
     out = Path(out)
     database = out / DATABASE_FILE
     build_path_database(

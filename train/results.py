@@ -274,8 +274,8 @@ class ResultsFile:
     def _run(self, row: tuple[Any, ...]) -> Run:
         if _checksum(row[:-1]) != row[-1]:
             raise StorageError(
-                f"{self.path} is damaged: the run {row[:3]} does not match its checksum; "
-                "delete the file to compute it anew"
+                f"{self.path} is damaged: the run of {row[1]} on {row[0]} with seed {row[2]} "
+                "does not match its checksum; delete the file to compute it anew"
             )
         values = dict(zip(_COLUMNS[:-1], row[:-1], strict=True))
         values["solved"] = bool(values["solved"])

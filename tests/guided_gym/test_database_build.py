@@ -118,7 +118,7 @@ def test_build__gives_up_on_hopeless_distributions(tmp_path: Path, solvers: Modu
 
 def test_build__refuses_bad_arguments(tmp_path: Path, solvers: ModuleType) -> None:
     file = tmp_path / "x.db"
-    with pytest.raises(InvalidInputError, match="workers: expected at least 1"):
+    with pytest.raises(InvalidInputError, match="workers: expected an integer, at least 1"):
         build_database(file, HEADER, solvers.solve, 1, workers=0)
     with pytest.raises(InvalidInputError, match="top level"):
         build_database(file, HEADER, lambda seed: None, 1, workers=2)

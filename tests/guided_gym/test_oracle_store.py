@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 
 from guided_gym import oracle_store
+from guided_gym.errors import GuidedGymWarning
 from guided_gym.oracle_store import FieldStore
 
 KEY, OTHER = "a" * 64, "b" * 64
@@ -90,6 +91,39 @@ def test_an_unusable_folder_costs_one_warning(tmp_path):
             store.save(KEY, FIELD, LINKS)
             assert store.load(KEY, 1000) is None
     assert len(caught) == 1
+
+
+def test_an_unusable_folder__is_found_out_by_trying(tmp_path, monkeypatch):
+    (tmp_path / "file").write_text("not a folder")
+    assert FieldStore(tmp_path / "new" / "fields").trouble() is None
+    assert FieldStore(None).trouble() is None
+    assert FieldStore(tmp_path / "file" / "fields").trouble() is not None
+    monkeypatch.setenv("GUIDED_GYM_CACHE", str(tmp_path / "file"))
+    with pytest.warns(GuidedGymWarning) as caught:
+        for _ in range(2):
+            oracle_store.warn_before_workers()
+    assert len(caught) == 1
+
+
+def test_workers_do_not_warn_again(tmp_path):
+    (tmp_path / "file").write_text("not a folder")
+    code = (
+        "from guided_gym.workers import map_tasks\n"
+        "from guided_gym.oracle_store import FieldStore\n"
+        "import numpy as np\n"
+        "from functools import partial\n"
+        "if __name__ == '__main__':\n"
+        "    save = FieldStore.default().save\n"
+        "    save = partial(save, field=np.zeros(8, np.float32), links=np.zeros(8, np.uint8))\n"
+        "    list(map_tasks(save, ['a' * 64, 'b' * 64, 'c' * 64], 2))\n"
+    )
+    (tmp_path / "program.py").write_text(code)
+    environment = {**os.environ, "GUIDED_GYM_CACHE": str(tmp_path / "file")}
+    program = [sys.executable, str(tmp_path / "program.py")]
+    run = subprocess.run(program, env=environment, capture_output=True, text=True, timeout=120)
+    assert run.returncode == 0, run.stderr
+    assert run.stderr.count("GUIDED_GYM_CACHE") == 1
+    assert run.stderr.count("\n") == 1  # no line of the source
 
 
 def test_off_keeps_nothing(monkeypatch):

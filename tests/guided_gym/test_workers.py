@@ -43,7 +43,7 @@ def test_workers__say_when_one_dies() -> None:
 
 
 def test_workers__refuse_what_they_cannot_run() -> None:
-    with pytest.raises(InvalidInputError, match="workers: expected at least 1, got 0"):
+    with pytest.raises(InvalidInputError, match="workers: expected an integer, at least 1, got 0"):
         list(map_tasks(abs, [1], 0))
     with pytest.raises(InvalidInputError, match="top level"):
         list(map_tasks(lambda task: task, [1], 2))

@@ -11,6 +11,7 @@ from pathlib import Path
 import pytest
 from typer.testing import CliRunner
 
+from guided_gym.errors import GuidedGymWarning
 from guided_gym.train import cli
 from guided_gym.train.results import RESULTS_FILE
 
@@ -86,9 +87,22 @@ def test_evaluate__draws(tmp_path: Path) -> None:
         (["evaluate", "--env", "TrapCop"], "did you mean 'TrapCup'"),
         (["evaluate", "--env", "Cup", "--guidance", "lazzy_prm"], "did you mean 'lazy_prm'"),
         (["evaluate", "--env", "Cup", "--delta", "0"], "delta: expected a positive number"),
-        (["evaluate", "--env", "Cup", "--seeds", "0"], "seeds: expected at least 1"),
+        (["evaluate", "--env", "Cup", "--seeds", "0"], "seeds: expected an integer, at least 1"),
         (["evaluate", "--env", ""], "at least one environment"),
         (["evaluate", "--env", "Cup", "--import", "no_such_module"], "cannot import"),
+        (["evaluate", "--env", "Cup,,Trap"], "env: expected names separated by commas"),
+        (["evaluate", "--env", "Cup", "--guidance", "rrt,"], "guidance: expected names separated by commas"),
+        (["evaluate", "--env", "Cup", "--guidance", "rrt+"], "names joined by '+'"),
+        (["evaluate", "--env", "Cup", "--guidance", "rrt@goal_bias=nan"], "goal_bias: expected a finite"),
+        (["evaluate", "--env", "Cup", "--guidance", "lazy_prm@vertices=abc"], "expected an integer"),
+        (["evaluate", "--env", "Cup", "--expansion", "unifrom"], "did you mean 'uniform'"),
+        (["evaluate", "--env", "Cup", "--workers", "0"], "workers: expected an integer, at least 1"),
+        (["evaluate", "--env", "Cup", "--guidance", "rrt", "--database", __file__], "expected path_database"),
+        (["reproduce", "--seeds", "0"], "seeds: expected an integer, at least 1"),
+        (["reproduce", "--workers", "0"], "workers: expected an integer, at least 1"),
+        (["database", "build", "Cup", "--paths", "0"], "paths: expected an integer, at least 1"),
+        (["database", "build", "Cup", "--paths", "1", "--workers", "0"], "workers: expected an integer"),
+        (["list", "--import", "no_such_module"], "cannot import"),
         (["database", "info", "no-such-file"], "no such file"),
         (["database", "build", "Cupp", "--paths", "1"], "did you mean 'Cup'"),
     ],
@@ -110,6 +124,35 @@ def test_corrupt_results__are_one_line_and_code_2(tmp_path: Path) -> None:
     code, _, err = invoke(*COMMAND, "--guidance", "rrt", "--out", tmp_path)
     assert code == cli.EXIT_ERROR
     assert "results file" in err
+    assert err.count("\n") == 1
+    assert "b'" not in err
+
+
+def test_empty_results__count_as_new(tmp_path: Path) -> None:
+    (tmp_path / RESULTS_FILE).touch()
+    assert invoke(*COMMAND, "--guidance", "rrt", "--out", tmp_path, "--no-figures")[0] == 0
+
+
+def test_no_path__leaves_no_file(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    (tmp_path / "walled.py").write_text(
+        "from guided_gym import Environment, FixedProblem, Problem, Robot, Task\n"
+        "from guided_gym.envs import register_distribution\n"
+        "walls = Environment.from_polygons((0, 0, 4, 4), [[(2, -1), (2.5, -1), (2.5, 5), (2, 5)]])\n"
+        "problem = Problem(Robot.point(), walls, Task((1, 1), (3, 3)), 'Walled')\n"
+        "register_distribution('Walled', lambda: FixedProblem(problem))\n"
+    )
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr(sys, "path", [*sys.path])
+    code, _, err = invoke("evaluate", "--env", "Walled", "--import", "walled", "--seeds", "1", "--workers", 1)
+    assert code == cli.EXIT_ERROR
+    assert err.startswith("guided-gym: error: ")
+    assert not (tmp_path / "results").exists()
+
+
+def test_warnings_of_ours__are_one_line() -> None:
+    ours = cli._one_line(GuidedGymWarning("slow"), GuidedGymWarning, "file.py", 3)
+    assert ours == "guided-gym: warning: slow\n"
+    assert "UserWarning: other" in cli._one_line(UserWarning("other"), UserWarning, "file.py", 3)
 
 
 def test_interrupt__is_code_130(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
