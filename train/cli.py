@@ -14,7 +14,7 @@ import typer
 from typer.core import TyperGroup
 
 from guided_gym.errors import GuidedGymError, GuidedGymWarning, InvalidInputError
-from guided_gym.train.training_cli import train_app
+from guided_gym.train.reinforcement_cli import train_app
 
 if TYPE_CHECKING:
     from rich.console import Console

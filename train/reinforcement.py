@@ -1,0 +1,308 @@
+"""Reinforcement learning: PPO of stable-baselines3 in runs that a kill does not end.
+
+`train_hybrid` (in `hybrid_rule`) teaches a rule of hybrids, `train_ppo` (in `node_policy`) a scorer. Both
+are a `Trainee` for the loop here: rollouts and updates, validation searches, the best weights kept.
+"""
+
+from __future__ import annotations
+
+import importlib.util
+import time
+from abc import ABC, abstractmethod
+from collections.abc import Callable
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import Any, Final
+
+import gymnasium
+import numpy as np
+import torch
+from gymnasium.wrappers import TransformReward
+from numpy.typing import NDArray
+from stable_baselines3 import PPO
+from stable_baselines3.common.callbacks import BaseCallback
+from stable_baselines3.common.monitor import Monitor
+from stable_baselines3.common.vec_env import DummyVecEnv
+
+from guided_gym.checks import integer, number
+from guided_gym.envs.catalogue import make_distribution
+from guided_gym.errors import InvalidInputError
+from guided_gym.guidance.base import GuidingSpace
+from guided_gym.search import guided_search
+from guided_gym.train.checkpoints import RunFolder
+from guided_gym.train.imitation import _moments, _put_moments, checked_device
+from guided_gym.train.lessons import mixed_problem
+
+Tensors = dict[str, NDArray[Any]]
+Progress = Callable[[int, int, str], None]
+
+CHECKPOINT_SECONDS: Final = 20.0
+_MB: Final = 1_000_000
+_ROW: Final = 32  # bytes of action, reward, return, episode start, value, log-probability and advantage
+
+
+@dataclass(frozen=True)
+class ReinforcementConfig:
+    """Options of a run; a TOML file holds the same names.
+
+    Attributes:
+        environments: Distributions of problems; the copies of the environment take them in turns.
+        seed: Of everything random. The same seed gives the same weights on one machine.
+        steps: Samples to learn from, in all.
+        copies: Environments that are searched side by side.
+        rollout: Samples of each copy between updates.
+        batch: Samples a step of gradient descent.
+        epochs: Passes over a rollout.
+        learning_rate: Of Adam.
+        gamma: Discount.
+        gae_lambda: Of the advantage estimates.
+        entropy: Weight of the entropy in the loss.
+        clip: Of the ratio of probabilities.
+        reward_scale: Factor on the reward while learning.
+        max_samples: Samples after which a search gives up.
+        validation: Validation problems.
+        validate_every: Samples between validations.
+        max_memory: MB that the rollout buffer and the copy that sampling makes of it may take.
+        device: ``"cpu"`` or ``"cuda"``.
+        tensorboard: Whether to write TensorBoard files too.
+
+    Raises:
+        InvalidInputError: An option that is out of range.
+    """
+
+    environments: tuple[str, ...] = ("RandomTrapCup",)
+    seed: int = 0
+    steps: int = 200_000
+    copies: int = 8
+    rollout: int = 256
+    batch: int = 512
+    epochs: int = 8
+    learning_rate: float = 5e-4
+    gamma: float = 0.995
+    gae_lambda: float = 0.95
+    entropy: float = 0.01
+    clip: float = 0.2
+    reward_scale: float = 0.1
+    max_samples: int = 500
+    validation: int = 48
+    validate_every: int = 20_000
+    max_memory: float = 2000.0
+    device: str = "cpu"
+    tensorboard: bool = False
+
+    def __post_init__(self) -> None:
+        if not self.environments:
+            raise InvalidInputError("environments: expected at least one, got none")
+        for name in ("steps", "copies", "epochs", "max_samples", "validation", "validate_every"):
+            integer(name, getattr(self, name), least=1)
+        for name in ("rollout", "batch"):
+            integer(name, getattr(self, name), least=2)
+        integer("seed", self.seed, least=0)
+        for name in ("learning_rate", "reward_scale", "max_memory", "clip"):
+            number(name, getattr(self, name), above=0)
+        number("entropy", self.entropy, least=0)
+        for name in ("gamma", "gae_lambda"):
+            if number(name, getattr(self, name), least=0) > 1:
+                raise InvalidInputError(f"{name}: expected at most 1, got {getattr(self, name)!r}")
+        if self.copies * self.rollout % self.batch == 1:
+            raise InvalidInputError("batch: expected no batch of a single sample (copies x rollout % batch)")
+
+
+class Trainee(ABC):
+    """What is learned: an environment, the model that learns it, and the guidance that comes of it."""
+
+    kind: str
+    config: ReinforcementConfig
+
+    @abstractmethod
+    def environment(self, name: str) -> gymnasium.Env[Any, Any]:
+        """The environment over the training problems of a distribution."""
+
+    @abstractmethod
+    def model(self, environments: DummyVecEnv, options: dict[str, Any]) -> PPO:
+        """The learner; ``options`` are those that every PPO has."""
+
+    @abstractmethod
+    def export(self, model: PPO) -> Tensors:
+        """The weights as an agent's files hold them."""
+
+    @abstractmethod
+    def guidance(self, tensors: Tensors) -> GuidingSpace:
+        """The guiding space of some weights."""
+
+    @abstractmethod
+    def write(self, folder: Path, card: dict[str, Any], tensors: Tensors) -> None:
+        """Write the agent."""
+
+
+def train(
+    trainee: Trainee, out: Path, progress: Progress | None = None, say: Callable[[str], None] = print
+) -> dict[str, Any]:
+    """Run or continue a run; returns the card of the best agent, written to ``out/agent``.
+
+    Raises:
+        InvalidInputError: The device or TensorBoard is not there, or the buffer would take too much memory.
+        UnknownNameError: No such environment.
+        StorageError: The folder holds another run, or a damaged file.
+    """
+    return _Run(trainee, out, progress or (lambda done, total, what: None), say).finish()
+
+
+def buffer_bytes(space: gymnasium.Space[Any], config: ReinforcementConfig, mask: int = 0) -> int:
+    """Bytes of the rollout buffer over an observation space; ``mask`` floats of action masks come with it."""
+    spaces = space.spaces.values() if isinstance(space, gymnasium.spaces.Dict) else (space,)
+    row = sum(int(np.prod(s.shape or (1,))) * np.dtype(s.dtype or np.float64).itemsize for s in spaces)
+    return config.copies * config.rollout * (row + 4 * mask + _ROW)
+
+
+class _Run:
+    """One run: its model, state and files."""
+
+    def __init__(self, trainee: Trainee, out: Path, progress: Progress, say: Callable[[str], None]) -> None:
+        self.trainee, self.config, self.progress = trainee, trainee.config, progress
+        config = self.config
+        device = checked_device(config.device)
+        if config.tensorboard and importlib.util.find_spec("tensorboard") is None:
+            raise InvalidInputError("tensorboard: expected the package tensorboard, got none; install it")
+        self.distributions = [make_distribution(name) for name in config.environments]
+        copies = [self._copy(i) for i in range(config.copies)]
+        space, actions = copies[0].observation_space, copies[0].action_space
+        masked = int(actions.n) if isinstance(space, gymnasium.spaces.Dict) else 0  # type: ignore[attr-defined]
+        self._check_memory(buffer_bytes(space, config, masked), say)
+        self.folder = RunFolder(out, config, trainee.kind)
+        torch.set_num_threads(1)
+        self.environments = DummyVecEnv([lambda env=env: env for env in copies])  # type: ignore[misc]
+        self.model = trainee.model(
+            self.environments,
+            {
+                "learning_rate": config.learning_rate, "n_steps": config.rollout, "batch_size": config.batch,
+                "n_epochs": config.epochs, "gamma": config.gamma, "gae_lambda": config.gae_lambda,
+                "ent_coef": config.entropy, "clip_range": config.clip, "seed": config.seed, "device": device,
+                "tensorboard_log": str(out / "tensorboard") if config.tensorboard else None,
+            },
+        )  # fmt: skip
+        self.state: dict[str, Any] = {"steps": 0, "validated": 0, "history": [], "best": None}
+        self.best: Tensors = {}
+        self._restore()
+
+    def _copy(self, i: int) -> gymnasium.Env[Any, Any]:
+        names, scale = self.config.environments, self.config.reward_scale
+        env = self.trainee.environment(names[i % len(names)])
+        return Monitor(TransformReward(env, lambda reward: scale * float(reward)))
+
+    def _check_memory(self, size: int, say: Callable[[str], None]) -> None:
+        """Say what the buffer takes, the copy that sampling makes included; refuse what is too much."""
+        needed, most = 2 * size / _MB, self.config.max_memory
+        shape = f"{self.config.copies} copies x {self.config.rollout} samples"
+        if needed > most:
+            raise InvalidInputError(
+                f"max_memory: expected at least {needed:.1f} MB for a rollout buffer of {shape}, got {most:g}"
+            )
+        say(f"rollout buffer: {needed:.1f} MB ({shape}; at most {most:g} MB)")
+
+    # Files
+
+    def _restore(self) -> None:
+        loaded = self.folder.load()
+        if loaded is not None:
+            self.state, tensors = loaded
+            groups: dict[str, Tensors] = {"now": {}, "best": {}, "adam": {}}
+            for name, tensor in tensors.items():
+                group, _, rest = name.partition("/")
+                groups[group][rest] = tensor
+            now = {name: torch.from_numpy(t) for name, t in groups["now"].items()}
+            self.model.policy.load_state_dict(now)
+            _put_moments(self.model.policy.optimizer, groups["adam"])
+            self.best = groups["best"]
+            self.model.num_timesteps = self.state["steps"]
+        # Seeds of problems: another stretch of the training problems after each interruption.
+        seed = int(np.random.SeedSequence([self.config.seed, self.state["steps"]]).generate_state(1)[0])
+        self.model.set_random_seed(seed % 2**29)
+
+    def save(self) -> None:
+        """Replace the checkpoint."""
+        self.state["steps"] = self.model.num_timesteps
+        policy = self.model.policy
+        tensors = {f"now/{n}": t.detach().cpu().numpy() for n, t in policy.state_dict().items()}
+        tensors.update({f"adam/{name}": t for name, t in _moments(policy.optimizer).items()})
+        tensors.update({f"best/{name}": t for name, t in self.best.items()})
+        self.folder.save(self.state, tensors)
+
+    # The loop
+
+    def finish(self) -> dict[str, Any]:
+        """What is left of the run."""
+        left = self.config.steps - self.model.num_timesteps
+        if left > 0:
+            self.model.learn(left, callback=_Keeper(self), reset_num_timesteps=False, tb_log_name="ppo")
+            self.validate()
+            self.save()
+        self.environments.close()
+        card = {
+            "name": self.folder.path.name,
+            "training": {"method": self.trainee.kind, **asdict(self.config)},
+            "metrics": {"validation": self.state["best"], "history": self.state["history"]},
+        }
+        self.trainee.write(self.folder.path / "agent", card, self.best)
+        return card
+
+    def validate(self) -> None:
+        """Search on the validation problems; keep these weights if they are the best so far."""
+        config, tensors = self.config, self.trainee.export(self.model)
+        guidance = self.trainee.guidance(tensors)
+        results = [
+            guided_search(
+                mixed_problem(self.distributions, "validation", i),
+                guidance,
+                seed=i,
+                max_samples=config.max_samples,
+            )
+            for i in range(config.validation)
+        ]
+        metrics = {
+            "steps": self.model.num_timesteps,
+            "solved": float(np.mean([result.solved for result in results])),
+            "samples": float(np.mean([result.samples for result in results])),
+            "total_efficiency": float(np.mean([result.total_efficiency for result in results])),
+            "best_possible": float(np.mean([result.record.best.sum() for result in results])),
+        }
+        self.state["history"].append(metrics)
+        self.state["validated"] = self.model.num_timesteps
+        for name, value in metrics.items():
+            self.model.logger.record(f"validation/{name}", value)
+        best = self.state["best"]
+        if best is None or _rank(metrics) < _rank(best):
+            self.state["best"], self.best = metrics, tensors
+
+
+class _Keeper(BaseCallback):
+    """Between updates: checkpoints, validation, progress."""
+
+    def __init__(self, run: _Run) -> None:
+        super().__init__()
+        self._run, self._saved = run, time.monotonic()
+
+    def _on_step(self) -> bool:
+        self._tell()
+        return True
+
+    def _on_rollout_start(self) -> None:
+        run = self._run
+        if time.monotonic() - self._saved > CHECKPOINT_SECONDS:
+            run.save()
+            self._saved = time.monotonic()
+        due = run.state["validated"] + run.config.validate_every
+        if not run.state["history"] or run.model.num_timesteps >= due:
+            run.validate()
+            run.save()
+            self._saved = time.monotonic()
+        self._tell()
+
+    def _tell(self) -> None:
+        run, best = self._run, self._run.state["best"]
+        so_far = f"best SE {best['total_efficiency']:.1f} at {best['steps']}" if best else "validating"
+        run.progress(run.model.num_timesteps, run.config.steps, f"{run.trainee.kind}: {so_far}")
+
+
+def _rank(metrics: dict[str, Any]) -> tuple[float, float]:
+    return -metrics["solved"], metrics["total_efficiency"]
