@@ -180,9 +180,12 @@ class LearnedGuidance(GuidingSpace):
     def logits(self, tree: SearchTree) -> NDArray[np.float64]:
         """(n,) the score of each node."""
         scores = self.agent.scorer.logits(self.columns(tree)).astype(np.float64)
+        return np.asarray(scores - self.penalties(tree))
+
+    def penalties(self, tree: SearchTree) -> NDArray[np.float64]:
+        """(n,) what is taken from the score of each node, after `columns`."""
         crowd = np.log1p(np.maximum(self._nodes[: len(tree), 4] - _CROWD, 0.0))
-        vain = tree._failures[: len(tree)] + crowd
-        return np.asarray(scores - self.failure_penalty * vain)
+        return np.asarray(self.failure_penalty * (tree._failures[: len(tree)] + crowd))
 
     def values(self, tree: SearchTree) -> NDArray[np.float64]:
         """(n,) h of each node: how far its logit lies below the largest, in nats."""

@@ -82,7 +82,7 @@ class GuideSelectionEnv(gymnasium.Env[NDArray[np.float32], int]):
             split=split,
             max_samples=max_samples,
             expansion=hybrid,
-            observe=_Nothing(),
+            observe=Unobserved(),
             **options,
         )
         self.guides = tuple(guide.name for guide in hybrid.guides)
@@ -156,15 +156,19 @@ class _AsTold:
         return current
 
 
-class _Nothing:
-    """An observer that observes nothing: what is seen here, `Turns` knows."""
+class Unobserved:
+    """An observer that observes nothing, for environments that see otherwise what they see."""
 
     def build(self, max_nodes: int, max_samples: int) -> spaces.Dict:
+        """An empty space."""
         return spaces.Dict({})
 
-    def reset(self, search: Search) -> None: ...
+    def reset(self, search: Search) -> None:
+        """Nothing to begin."""
 
-    def update(self, search: Search, expansion: Expansion) -> None: ...
+    def update(self, search: Search, expansion: Expansion) -> None:
+        """Nothing to note."""
 
     def extract(self, search: Search) -> Observation:
+        """Nothing."""
         return {}

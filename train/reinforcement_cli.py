@@ -77,6 +77,45 @@ def hybrid(
     _run("hybrid", HybridConfig, train_hybrid, env, config, out, given)
 
 
+@train_app.command("ppo")
+def ppo(
+    env: Env = None,
+    config: Config = None,
+    out: Out = None,
+    start: Annotated[
+        str | None,
+        typer.Option(help="scratch, plain, or an agent to go on from (a folder, or a shipped one's name)."),
+    ] = None,
+    cells: Annotated[int | None, typer.Option(help="Cells along each side of an untaught field.")] = None,
+    headings: Annotated[int | None, typer.Option(help="Headings of an untaught field.")] = None,
+    scorer_hidden: Annotated[int | None, typer.Option(help="Units of each layer of the scorer.")] = None,
+    seed: Seed = None,
+    steps: Steps = None,
+    copies: Copies = None,
+    rollout: Rollout = None,
+    batch: Batch = None,
+    epochs: Epochs = None,
+    learning_rate: LearningRate = None,
+    gamma: Gamma = None,
+    gae_lambda: GaeLambda = None,
+    entropy: Entropy = None,
+    clip: Clip = None,
+    reward_scale: RewardScale = None,
+    max_samples: MaxSamples = None,
+    validation: Validation = None,
+    validate_every: ValidateEvery = None,
+    max_memory: MaxMemory = None,
+    device: Device = None,
+    tensorboard: Board = None,
+) -> None:
+    """Learn which node to expand, by MaskablePPO with the node scorer as policy. Call it again to resume."""
+    given = {name: value for name, value in locals().items() if name not in ("env", "config", "out")}
+    need_stable_baselines()
+    from guided_gym.train.node_policy import PPOConfig, train_ppo
+
+    _run("ppo", PPOConfig, train_ppo, env, config, out, given)
+
+
 def need_stable_baselines() -> None:
     """Refuse before anything starts if the extra ``[train]`` is not installed.
 

@@ -1,0 +1,287 @@
+"""PPO with the node scorer as its policy: MaskablePPO on what `LearnedGuidance` sees of a growing tree.
+
+What is learned is the scorer of an agent, on a field that stays as it is; the agent that comes of it runs as
+any other, by `make_guidance("learned:FOLDER")`.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import Any
+
+import gymnasium
+import numpy as np
+import torch
+from gymnasium import spaces
+from numpy.typing import NDArray
+from sb3_contrib import MaskablePPO
+from sb3_contrib.common.maskable.policies import MaskableMultiInputActorCriticPolicy
+from stable_baselines3 import PPO
+from stable_baselines3.common.torch_layers import BaseFeaturesExtractor
+from stable_baselines3.common.vec_env import DummyVecEnv
+from torch import Tensor, nn
+
+from guided_gym.agents import networks, weights
+from guided_gym.agents.field import FieldArchitecture, FieldModel
+from guided_gym.agents.field import plain_tensors as plain_field
+from guided_gym.agents.learned import LearnedAgent, LearnedGuidance, agent_folder
+from guided_gym.agents.scorer import ScorerArchitecture, ScorerColumn, ScorerModel
+from guided_gym.agents.scorer import plain_tensors as plain_scorer
+from guided_gym.checks import integer
+from guided_gym.envs.guide_selection_env import Unobserved
+from guided_gym.envs.guided_search_env import GuidedSearchEnv
+from guided_gym.guidance.base import GuidingSpace
+from guided_gym.train.reinforcement import Progress, ReinforcementConfig, Tensors, Trainee, train
+from guided_gym.train.specs import package_version
+
+_COLUMNS = len(ScorerColumn) + 1  # and what is taken from the score
+_MOST = 1e4  # no column of the scorer is negative, and none that large
+_ABSENT = -1e8  # logit of a node that there is not
+
+
+@dataclass(frozen=True)
+class PPOConfig(ReinforcementConfig):
+    """Options of a run that teaches a node scorer.
+
+    Attributes:
+        start: Where to begin: ``"scratch"`` with random weights on an untaught field, ``"plain"`` with the
+            scorer that imitation begins with on that field, or an agent (a folder, or a shipped one's name)
+            with its field.
+        cells: Cells along each side of an untaught field's raster.
+        headings: Headings of its grid.
+        scorer_hidden: Units of each layer of the scorer; an agent that is named brings its own.
+
+    Raises:
+        InvalidInputError: An option that is out of range.
+    """
+
+    environments: tuple[str, ...] = ("RandomSimplePassage",)
+    max_samples: int = 200
+    start: str = "scratch"
+    cells: int = 56
+    headings: int = 16
+    scorer_hidden: int = 32
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        for name in ("cells", "headings", "scorer_hidden"):
+            integer(name, getattr(self, name), least=1)
+
+
+def train_ppo(
+    config: PPOConfig, out: Path, progress: Progress | None = None, say: Callable[[str], None] = print
+) -> dict[str, Any]:
+    """Run or continue a run; returns the card of the best agent, written to ``out/agent``.
+
+    Raises:
+        InvalidInputError: The device or TensorBoard is not there, or the buffer would take too much memory.
+        UnknownNameError: No such environment or agent.
+        StorageError: The folder holds another run, or a damaged file; an agent's files cannot be used.
+    """
+    return train(_ScorerTrainee(config), out, progress, say)
+
+
+class ScorerObservation(gymnasium.Wrapper[Any, Any, Any, Any]):
+    """What the node scorer sees, as a Dict observation of a search that a `LearnedGuidance` expands.
+
+    ``columns`` (max_nodes * 9,) float32: of node i, the `ScorerColumn` and what failures take from its score,
+    zeros beyond the tree. ``action_mask`` (max_nodes,) int8: 1 for the nodes that there are.
+
+    Args:
+        env: A search environment whose expansion is a `LearnedGuidance`.
+    """
+
+    def __init__(self, env: GuidedSearchEnv) -> None:
+        super().__init__(env)
+        self._max_nodes = env.max_nodes
+        n = env.max_nodes
+        self.observation_space = spaces.Dict(
+            {
+                "columns": spaces.Box(0, _MOST, (n * _COLUMNS,), np.float32),
+                "action_mask": spaces.Box(0, 1, (n,), np.int8),
+            }
+        )
+
+    def reset(
+        self, *, seed: int | None = None, options: dict[str, Any] | None = None
+    ) -> tuple[dict[str, NDArray[Any]], dict[str, Any]]:
+        """Begin a search."""
+        _, info = self.env.reset(seed=seed, options=options)
+        self._search.attach(self._guidance)
+        return self._observation(), info
+
+    def step(self, action: Any) -> tuple[dict[str, NDArray[Any]], Any, bool, bool, dict[str, Any]]:
+        """One sample."""
+        _, reward, terminated, truncated, info = self.env.step(action)
+        return self._observation(), reward, terminated, truncated, info
+
+    def action_masks(self) -> NDArray[np.bool_]:
+        """(max_nodes,) bool, True for the nodes that may be expanded."""
+        return self._search.action_masks()
+
+    @property
+    def _search(self) -> GuidedSearchEnv:
+        inner = self.env
+        assert isinstance(inner, GuidedSearchEnv)
+        return inner
+
+    @property
+    def _guidance(self) -> LearnedGuidance:
+        guidance = self._search.expander
+        assert isinstance(guidance, LearnedGuidance)
+        return guidance
+
+    def _observation(self) -> dict[str, NDArray[Any]]:
+        tree = self._search.search.tree
+        columns = np.zeros((self._max_nodes, _COLUMNS), np.float32)
+        columns[: len(tree), :-1] = self._guidance.columns(tree)
+        columns[: len(tree), -1] = self._guidance.penalties(tree)
+        return {"columns": columns.ravel(), "action_mask": self.action_masks().view(np.int8)}
+
+
+class _Table(BaseFeaturesExtractor):
+    """The observation as one flat tensor: columns, then mask."""
+
+    def __init__(self, observation_space: spaces.Dict) -> None:
+        n = int(np.prod(observation_space["action_mask"].shape or ()))
+        super().__init__(observation_space, n * (_COLUMNS + 1))
+
+    def forward(self, observations: Any) -> Tensor:
+        return torch.cat([observations["columns"], observations["action_mask"].float()], 1)
+
+
+class _ScorerAndCritic(nn.Module):
+    """Logits of the nodes by the scorer; for the critic, a summary of the tree by a network of its own."""
+
+    def __init__(self, nodes: int, architecture: ScorerArchitecture) -> None:
+        super().__init__()
+        h = architecture.hidden
+        self.nodes = nodes
+        self.scorer = networks.NodeScorer(architecture)
+        self.node = nn.Sequential(nn.Linear(_COLUMNS, h), nn.ReLU(), nn.Linear(h, h), nn.ReLU())
+        self.mixed = nn.Sequential(nn.Linear(2 * h + 1, h), nn.ReLU())
+        self.latent_dim_pi, self.latent_dim_vf = nodes, h
+
+    def forward(self, table: Tensor) -> tuple[Tensor, Tensor]:
+        return self.forward_actor(table), self.forward_critic(table)
+
+    def forward_actor(self, table: Tensor) -> Tensor:
+        columns, mask = self._split(table)
+        logits = self.scorer(columns[..., :-1], mask) - columns[..., -1]
+        return torch.where(mask, logits, torch.full_like(logits, _ABSENT))
+
+    def forward_critic(self, table: Tensor) -> Tensor:
+        columns, mask = self._split(table)
+        hidden = self.node(columns) * mask[..., None]  # units are >= 0, so that zero is the least
+        count = mask.sum(1, keepdim=True)
+        summary = torch.cat([hidden.sum(1) / count, hidden.amax(1), torch.log(count) / 5], 1)
+        out: Tensor = self.mixed(summary)
+        return out
+
+    def _split(self, table: Tensor) -> tuple[Tensor, Tensor]:
+        columns = table[:, : self.nodes * _COLUMNS].reshape(-1, self.nodes, _COLUMNS)
+        return columns, table[:, self.nodes * _COLUMNS :] > 0.5
+
+
+class NodeScorerPolicy(MaskableMultiInputActorCriticPolicy):
+    """A policy of MaskablePPO over `ScorerObservation`: a logit for each node, a value for the tree.
+
+    Args:
+        *arguments: As of its base.
+        architecture: Sizes of the scorer.
+        **options: As of its base.
+    """
+
+    def __init__(self, *arguments: Any, architecture: ScorerArchitecture, **options: Any) -> None:
+        self._architecture = architecture
+        options.update(features_extractor_class=_Table, ortho_init=False)
+        super().__init__(*arguments, **options)
+
+    def _build_mlp_extractor(self) -> None:
+        nodes = int(self.action_space.n)  # type: ignore[attr-defined]
+        self.mlp_extractor = _ScorerAndCritic(nodes, self._architecture)  # type: ignore[assignment]
+
+    def _build(self, lr_schedule: Any) -> None:
+        super()._build(lr_schedule)
+        self.action_net = nn.Identity()  # type: ignore[assignment]  # the scorer gives logits already
+        options = {"lr": lr_schedule(1), **self.optimizer_kwargs}
+        self.optimizer = self.optimizer_class(self.parameters(), **options)
+
+    @property
+    def scorer(self) -> networks.NodeScorer:
+        """The node scorer."""
+        scorer = self.mlp_extractor.scorer
+        assert isinstance(scorer, networks.NodeScorer)
+        return scorer
+
+
+class _ScorerTrainee(Trainee):
+    kind = "ppo"
+    config: PPOConfig
+
+    def __init__(self, config: PPOConfig) -> None:
+        self.config = config
+        if config.start in ("scratch", "plain"):
+            self.field = FieldArchitecture(cells=config.cells, headings=config.headings)
+            self.scorer = ScorerArchitecture(hidden=config.scorer_hidden)
+            self.parts = {"field": plain_field(self.field), "scorer": plain_scorer(self.scorer)}
+        else:
+            folder = agent_folder(config.start)
+            agent = LearnedAgent.load(folder)  # checks what it reads
+            self.field, self.scorer = agent.field.architecture, agent.scorer.architecture
+            _, tensors = weights.load_agent(folder)
+            self.parts = {"field": {}, "scorer": {}}
+            for name, tensor in tensors.items():
+                part, _, rest = name.partition(".")
+                self.parts[part][rest] = tensor
+
+    def _agent(self, scorer: Tensors) -> LearnedAgent:
+        return LearnedAgent({}, FieldModel(self.field, self.parts["field"]), ScorerModel(self.scorer, scorer))
+
+    def environment(self, name: str) -> gymnasium.Env[Any, Any]:
+        guidance = LearnedGuidance(self._agent(self.parts["scorer"]))
+        samples = self.config.max_samples
+        env = GuidedSearchEnv(
+            name,
+            split="train",
+            max_nodes=max(samples + 2, 3),
+            max_samples=samples,
+            expansion=guidance,
+            observe=Unobserved(),
+        )
+        return ScorerObservation(env)
+
+    def model(self, environments: DummyVecEnv, options: dict[str, Any]) -> PPO:
+        torch.manual_seed(self.config.seed)
+        sizes = {"architecture": self.scorer}
+        model = MaskablePPO(NodeScorerPolicy, environments, policy_kwargs=sizes, **options)
+        policy = model.policy
+        assert isinstance(policy, NodeScorerPolicy)
+        self._begin(policy.scorer)
+        return model  # type: ignore[return-value]  # no subclass, but of the same shape
+
+    def _begin(self, scorer: networks.NodeScorer) -> None:
+        last = scorer.score[1]
+        assert isinstance(last, nn.Linear)
+        with torch.no_grad():
+            if self.config.start == "scratch":
+                scorer.linear.weight.zero_()
+            elif self.config.start != "plain":
+                networks.load_scorer(scorer, self.parts["scorer"])
+            if not last.weight.any():  # asleep, it would take long to wake
+                nn.init.normal_(last.weight, std=0.01)
+
+    def export(self, model: PPO) -> Tensors:
+        assert isinstance(model.policy, NodeScorerPolicy)
+        return {name: t.copy() for name, t in networks.scorer_tensors(model.policy.scorer).items()}
+
+    def guidance(self, tensors: Tensors) -> GuidingSpace:
+        return LearnedGuidance(self._agent(tensors))
+
+    def write(self, folder: Path, card: dict[str, Any], tensors: Tensors) -> None:
+        named = {f"field.{name}": t for name, t in self.parts["field"].items()}
+        named.update({f"scorer.{name}": t for name, t in tensors.items()})
+        sizes = {"field": asdict(self.field), "scorer": asdict(self.scorer)}
+        weights.save_agent(folder, {**card, "package_version": package_version(), **sizes}, named)
