@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING, Any, ClassVar, Final
 import numpy as np
 from numpy.typing import NDArray
 
-from guided_gym.agents import weights
+from guided_gym.agents import rules, weights
 from guided_gym.agents.field import CostField, FieldArchitecture, FieldModel, Grid
 from guided_gym.agents.scorer import ScorerArchitecture, ScorerColumn, ScorerModel
 from guided_gym.checks import integer, number
@@ -272,10 +272,14 @@ def load_named(name: str) -> LearnedAgent:
 def guidance_class(name: str) -> type[GuidingSpace]:
     """The guiding space of one agent, as a class: what ``"learned:NAME"`` stands for.
 
+    Of a rule's folder, the hybrid of that rule and its guides.
+
     Raises:
         UnknownNameError: No such agent.
         StorageError: Its files cannot be used.
     """
+    if weights.card_kind(agent_folder(name)) == rules.RULE_KIND:
+        return rules.hybrid_class(name, agent_folder(name))
     load_named(name)
     body = {"name": f"learned:{name}", "__init__": partialmethod(LearnedGuidance.__init__, name)}
     return type("LearnedGuidance", (LearnedGuidance,), {**body, "__doc__": LearnedGuidance.__doc__})
@@ -289,7 +293,10 @@ def fingerprint(name: str) -> str:
         StorageError: Its card cannot be used.
     """
     here = Path(__file__).parent
-    digest = hashlib.sha256(weights.load_card(agent_folder(name))["weights_sha256"].encode())
-    for module in ("learned.py", "field.py", "scorer.py"):
+    folder = agent_folder(name)
+    a_rule = weights.card_kind(folder) == rules.RULE_KIND
+    card = rules.load_rule_card(folder) if a_rule else weights.load_card(folder)
+    digest = hashlib.sha256(card["weights_sha256"].encode())
+    for module in ("rules.py",) if a_rule else ("learned.py", "field.py", "scorer.py"):
         digest.update((here / module).read_bytes() if os.path.isfile(here / module) else b"")
     return digest.hexdigest()[:16]

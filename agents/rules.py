@@ -1,6 +1,7 @@
 """Learned rules of `Hybrid`: which guiding space guides the next sample, decided by a small network on numpy.
 
-`guided-gym train hybrid` writes them, from what the environment ``GuideSelection`` taught.
+`guided-gym train hybrid` writes them, from what the environment ``GuideSelection`` taught;
+``"learned:FOLDER"`` is the hybrid of such a rule and the guides that it was trained with.
 """
 
 from __future__ import annotations
@@ -17,6 +18,7 @@ from guided_gym.agents import weights
 from guided_gym.checks import number
 from guided_gym.errors import InvalidInputError, StorageError
 from guided_gym.guidance.base import draw
+from guided_gym.guidance.hybrid import Hybrid
 from guided_gym.guidance.turns import COLUMN_NAMES, Turns, observed_size
 
 if TYPE_CHECKING:
@@ -90,6 +92,15 @@ def save_rule(folder: Path, card: dict[str, Any], tensors: weights.Tensors) -> N
     weights.save_agent(folder, {"kind": RULE_KIND, "columns": list(COLUMN_NAMES), **card}, tensors)
 
 
+def load_rule_card(folder: Path) -> dict[str, Any]:
+    """The card of a rule.
+
+    Raises:
+        StorageError: There is none, or it is not a rule's, or of another format.
+    """
+    return weights.load_card(folder, RULE_KIND, _ENTRIES)
+
+
 class LearnedRule:
     """A trained rule: ``Hybrid(rule.guides, rule=rule)``.
 
@@ -138,3 +149,25 @@ class LearnedRule:
         if self.temperature == 0:
             return int(np.argmax(logits))
         return draw(np.exp((logits - logits.max()).astype(np.float64) / self.temperature), self._rng)
+
+
+def hybrid_class(name: str, folder: Path) -> type[Hybrid]:
+    """The hybrid of a rule and of its guides, as a class: what ``"learned:NAME"`` stands for.
+
+    Raises:
+        StorageError: The rule's files cannot be used.
+    """
+    model = RuleModel.load(folder)
+
+    class LearnedHybrid(Hybrid):
+        """A hybrid with a learned rule, and with the guides that the rule was trained with.
+
+        Args:
+            temperature: Of the rule, see `LearnedRule`.
+        """
+
+        def __init__(self, *, temperature: float = 0.0) -> None:
+            super().__init__(model.guides, LearnedRule(model, temperature=temperature))
+
+    LearnedHybrid.name = f"learned:{name}"
+    return LearnedHybrid

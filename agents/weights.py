@@ -178,11 +178,8 @@ def load_card(folder: Path, kind: str = AGENT_KIND, required: Sequence[str] = _R
     Raises:
         StorageError: There is none, or it is not one of ours, or of another format.
     """
+    card = _json_card(folder)
     file = folder / CARD_FILE
-    try:
-        card = json.loads(read_bytes(file, "an agent's card").decode("utf-8"))
-    except (UnicodeDecodeError, ValueError, RecursionError) as error:
-        raise StorageError(f"{file}: expected JSON, got something else: {error}") from None
     if not isinstance(card, dict) or card.get("kind") != kind:
         found = card.get("kind") if isinstance(card, dict) else None
         raise StorageError(f"{file}: expected the card of a {kind}, got {found or 'another JSON file'}")
@@ -192,6 +189,24 @@ def load_card(folder: Path, kind: str = AGENT_KIND, required: Sequence[str] = _R
     if missing:
         raise StorageError(f"{file}: expected the entries {', '.join(required)}; missing: {missing}")
     return card
+
+
+def card_kind(folder: Path) -> str:
+    """What the card in a folder is of; "" for a file that is not one of ours.
+
+    Raises:
+        StorageError: There is none, or it is not JSON.
+    """
+    card = _json_card(folder)
+    return str(card.get("kind", "")) if isinstance(card, dict) else ""
+
+
+def _json_card(folder: Path) -> Any:
+    file = folder / CARD_FILE
+    try:
+        return json.loads(read_bytes(file, "an agent's card").decode("utf-8"))
+    except (UnicodeDecodeError, ValueError, RecursionError) as error:
+        raise StorageError(f"{file}: expected JSON, got something else: {error}") from None
 
 
 def load_agent(

@@ -9,11 +9,12 @@ import pytest
 
 from guided_gym import guided_search
 from guided_gym.agents import weights
+from guided_gym.agents.learned import fingerprint
 from guided_gym.agents.rules import LearnedRule, RuleModel, rule_shapes, save_rule
 from guided_gym.draws import problem_of_seed
 from guided_gym.envs import GuideSelectionEnv, make_distribution
 from guided_gym.errors import InvalidInputError, StorageError
-from guided_gym.guidance import Hybrid, SwapAtCollision
+from guided_gym.guidance import Hybrid, SwapAtCollision, make_guidance
 from guided_gym.guidance.turns import COLUMN_NAMES, GuideColumn, SearchColumn, observed_size
 
 GUIDES = ["lazy_prm", "medial_axis"]
@@ -108,3 +109,15 @@ def test_a_card_that_does_not_fit_is_refused(tmp_path, change):
 def test_an_agent_is_no_rule(agent_folder):
     with pytest.raises(StorageError, match="guided-gym rule"):
         LearnedRule(agent_folder)
+
+
+def test_its_name_stands_for_the_hybrid(tmp_path):
+    folder = folder_of(tmp_path, random_tensors(), hidden=[4])
+    problem = problem_of_seed(make_distribution("RandomTrapCup"), 2)
+    named = guided_search(problem, make_guidance(f"learned:{folder}"), seed=2, max_samples=30)
+    made = guided_search(problem, Hybrid(GUIDES, LearnedRule(folder)), seed=2, max_samples=30)
+    assert np.array_equal(named.tree.configurations, made.tree.configurations)
+    assert make_guidance(f"learned:{folder}", temperature=1.0).rule.temperature == 1.0
+    assert fingerprint(str(folder)) == fingerprint(str(folder))
+    other = folder_of(tmp_path / "other", random_tensors(seed=1), hidden=[4])
+    assert fingerprint(str(folder)) != fingerprint(str(other))
