@@ -1,0 +1,55 @@
+"""Every example runs, on a tiny budget."""
+
+from __future__ import annotations
+
+import os
+import subprocess
+import sys
+from dataclasses import asdict
+from pathlib import Path
+
+import pytest
+
+EXAMPLES = Path(__file__).parents[2] / "examples"
+
+pytestmark = pytest.mark.skipif(not EXAMPLES.is_dir(), reason="the examples are in the repository alone")
+
+
+def run(name: str, *arguments: str) -> str:
+    environment = {**os.environ, "OMP_NUM_THREADS": "1", "CUDA_VISIBLE_DEVICES": ""}
+    done = subprocess.run(
+        [sys.executable, str(EXAMPLES / name), *arguments], capture_output=True, text=True, env=environment
+    )
+    assert done.returncode == 0, done.stderr
+    return done.stdout
+
+
+def test_stable_baselines_in_twenty_lines():
+    pytest.importorskip("stable_baselines3")
+    assert "total SE on 2 test problems" in run("sb3_ppo.py", "64", "2")
+    code = (EXAMPLES / "sb3_ppo.py").read_text().splitlines()
+    assert len(code) <= 25
+
+
+def test_masked_ppo_in_one_file():
+    pytest.importorskip("torch")
+    options = ["--total-steps", "128", "--environments", "2", "--rollout", "64", "--max-nodes", "24"]
+    assert "128 samples, total SE of the last 20 searches" in run("cleanrl_masked_ppo.py", *options)
+
+
+def test_a_network_of_your_own():
+    pytest.importorskip("sb3_contrib")
+    assert "total_timesteps" in run("custom_network.py", "64")
+
+
+def test_learned_guidance_in_a_hybrid(tmp_path):
+    from guided_gym.agents import field, scorer, weights
+
+    fields, scorers = field.FieldArchitecture(cells=24, headings=8), scorer.ScorerArchitecture()
+    tensors = {f"field.{name}": t for name, t in field.plain_tensors(fields).items()}
+    tensors.update({f"scorer.{name}": t for name, t in scorer.plain_tensors(scorers).items()})
+    sizes = {"field": asdict(fields), "scorer": asdict(scorers)}
+    card = {"name": "plain", "package_version": "0", **sizes, "training": {}, "metrics": {}}
+    weights.save_agent(tmp_path, card, tensors)
+    lines = run("learned_in_hybrid.py", str(tmp_path), "2").splitlines()
+    assert [line.split(":")[0] for line in lines] == ["learned", "medial_axis", "both"]
