@@ -44,7 +44,7 @@ class FieldArchitecture:
         headings: Headings of the grid, divisible by 4.
         hidden: Units of the encoder.
         widths: Channels of the decoder at 1/2, 1/4 and 1/8 of the raster.
-        blocked: How many times slower the wave is where a pose is surely blocked.
+        blocked: How many times slower the wave is at most, where a pose is surely blocked.
         planning: Whether there is a wave; without, the decoder corrects the goal's distance d_X.
 
     Raises:
@@ -268,8 +268,8 @@ class FieldModel:
         logits = self.free(grid)
         if not self.architecture.planning:
             return fields.goal_distances(logits.shape[0], logits.shape[2], frame), logits > 0
-        slow = np.maximum(-np.tanh(logits / 2), 0) ** 2  # (1 - 2 p)^2 where p < 1/2
-        slowness = 1 + np.float32(self.architecture.blocked) * slow
+        # 1 / p: as often as one would have to try.
+        slowness = np.minimum(1 + np.exp(np.minimum(-logits, 30)), self.architecture.blocked)
         return fields.wave(slowness.astype(np.float32), grid.room, frame), logits > 0
 
     def evaluate(self, grid: Grid, goal: FloatArray) -> CostField:

@@ -34,6 +34,7 @@ _MOTION_PARTS: Final = 4  # poses along a motion at which its room is looked up
 _ENOUGH_ROOM: Final = 0.5  # cells; a motion with less is worth less
 _CONTACT_REACH: Final = 0.5  # steps around a contact that count as known to be bad
 _CROWD: Final = 6.0  # nodes within that reach that are no crowd yet, the node itself included
+_AGAIN: Final = 3.0  # failures that each child of a node after its first counts as
 _NEVER: Final = 1e6  # steps; stands for "the field sees no way"
 
 
@@ -112,8 +113,8 @@ class LearnedGuidance(GuidingSpace):
     Args:
         agent: A shipped agent's name, a folder, or a `LearnedAgent`.
         temperature: 0 selects the largest logit; 1 draws from the softmax that was trained.
-        failure_penalty: Nats that each failed expansion of a node takes from its logit, and, by its
-            logarithm, a crowd of nodes around it, so that nothing is tried in vain forever.
+        failure_penalty: Nats that each failed expansion of a node takes from its logit; each child after the
+            first takes more, and a crowd of nodes around it some, so that nothing is tried in vain forever.
         candidates: Members of N_C(v) that a proposal looks at.
 
     Raises:
@@ -185,7 +186,8 @@ class LearnedGuidance(GuidingSpace):
     def penalties(self, tree: SearchTree) -> NDArray[np.float64]:
         """(n,) what is taken from the score of each node, after `columns`."""
         crowd = np.log1p(np.maximum(self._nodes[: len(tree), 4] - _CROWD, 0.0))
-        return np.asarray(self.failure_penalty * (tree._failures[: len(tree)] + crowd))
+        again = _AGAIN * np.maximum(tree._children[: len(tree)] - 1, 0)
+        return np.asarray(self.failure_penalty * (tree._failures[: len(tree)] + again + crowd))
 
     def values(self, tree: SearchTree) -> NDArray[np.float64]:
         """(n,) h of each node: how far its logit lies below the largest, in nats."""
@@ -220,6 +222,7 @@ class LearnedGuidance(GuidingSpace):
         states[:, 0] = np.maximum(states[:, 0], self._nodes[node, 0] - lengths)
         room = fields.least_room(q, candidates, self._field.room, self._field.frame, _MOTION_PARTS)
         tight = np.clip((_ENOUGH_ROOM - room) / _ENOUGH_ROOM, 0.0, 4.0)
+        tight /= 1 + tree._children[node]  # what was safe has not helped: dare more
         return np.asarray(candidates[int(np.argmin(self.heuristic(states) + 0.5 * lengths + step * tight))])
 
     def _update(self, tree: SearchTree) -> None:

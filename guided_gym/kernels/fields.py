@@ -25,6 +25,7 @@ GOAL: Final = 4  # three entries: x, y, theta
 FRAME: Final = 7
 
 _MARGIN = 3  # robot radii of room beyond which the outline does not matter
+_FREE = 2.0  # slowness up to which a pose counts as free
 
 
 @njit(cache=True)
@@ -236,7 +237,7 @@ def _seeds(u: Field, room: Field, frame: FloatArray) -> None:
 def wave(slowness: Field, room: Field, frame: FloatArray) -> Field:
     """Solve |grad u| = slowness outwards from the goal by fast marching: (n, n, T) float32.
 
-    Ends when it has reached every pose of slowness 1; what it has not reached by then comes last.
+    Ends when it has reached every pose of slowness 2 or less; what it has not reached by then comes last.
 
     Args:
         slowness: (n, n, T) at least 1; more where a pose seems blocked.
@@ -258,7 +259,7 @@ def wave(slowness: Field, room: Field, frame: FloatArray) -> Field:
             size += 1
     left, last = 0, 0.0
     for item in slowness.flat:
-        left += 1 if item <= 1.0 else 0
+        left += 1 if item <= _FREE else 0
     while size > 0 and left > 0:
         key, v = keys[0], items[0]
         _drop_first(keys, items, size)
@@ -267,7 +268,7 @@ def wave(slowness: Field, room: Field, frame: FloatArray) -> Field:
         if known[r, c, k] or key > u[r, c, k]:
             continue
         known[r, c, k] = True
-        left -= 1 if slowness[r, c, k] <= 1.0 else 0
+        left -= 1 if slowness[r, c, k] <= _FREE else 0
         last = max(last, key)
         for side in range(sides):
             rr, cc, kk = r, c, k
