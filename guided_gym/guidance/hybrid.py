@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import TYPE_CHECKING, Any, ClassVar, Protocol
+from typing import TYPE_CHECKING, Any, ClassVar, Protocol, runtime_checkable
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,7 +12,7 @@ from guided_gym.errors import InvalidInputError
 from guided_gym.guidance.base import GuidingSpace
 
 if TYPE_CHECKING:
-    from guided_gym.search import Expansion
+    from guided_gym.search import Expansion, Search
     from guided_gym.tree import SearchTree
 
 
@@ -24,6 +24,14 @@ class Rule(Protocol):
 
     def next(self, current: int, expansion: Expansion) -> int:
         """The guiding space that guides after this expansion."""
+
+
+@runtime_checkable
+class Watching(Protocol):
+    """A rule that looks at more than the last expansion: at the guiding spaces, and at the search."""
+
+    def watch(self, guides: Sequence[GuidingSpace], search: Search) -> None:
+        """Take hold of a new search and of its guiding spaces, all prepared; called before `Rule.reset`."""
 
 
 class SwapAtCollision:
@@ -46,7 +54,8 @@ class Hybrid(GuidingSpace):
 
     Args:
         guides: Guiding spaces, or their names.
-        rule: Who guides when; the paper's swap at each collision by default.
+        rule: Who guides when; the paper's swap at each collision by default. One that is `Watching` sees the
+            guiding spaces and the search.
     """
 
     name: ClassVar[str] = "hybrid"
@@ -78,6 +87,8 @@ class Hybrid(GuidingSpace):
         """Prepare every guiding space."""
         for guide in self.guides:
             guide.reset(self.search)
+        if isinstance(self.rule, Watching):
+            self.rule.watch(self.guides, self.search)
         self.current = self.rule.reset(len(self.guides))
 
     def project(self, tree: SearchTree, q: NDArray[np.float64]) -> tuple[int, Any]:  # type: ignore[override]
