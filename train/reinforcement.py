@@ -54,6 +54,7 @@ class ReinforcementConfig:
         batch: Samples a step of gradient descent.
         epochs: Passes over a rollout.
         learning_rate: Of Adam.
+        anneal: Whether it falls to nothing along a line, so that the weights come to rest.
         gamma: Discount.
         gae_lambda: Of the advantage estimates.
         entropy: Weight of the entropy in the loss.
@@ -78,6 +79,7 @@ class ReinforcementConfig:
     batch: int = 512
     epochs: int = 8
     learning_rate: float = 5e-4
+    anneal: bool = True
     gamma: float = 0.995
     gae_lambda: float = 0.95
     entropy: float = 0.01
@@ -175,7 +177,8 @@ class _Run:
         self.model = trainee.model(
             self.environments,
             {
-                "learning_rate": config.learning_rate, "n_steps": config.rollout, "batch_size": config.batch,
+                "learning_rate": _falling(config.learning_rate) if config.anneal else config.learning_rate,
+                "n_steps": config.rollout, "batch_size": config.batch,
                 "n_epochs": config.epochs, "gamma": config.gamma, "gae_lambda": config.gae_lambda,
                 "ent_coef": config.entropy, "clip_range": config.clip, "seed": config.seed, "device": device,
                 "tensorboard_log": str(out / "tensorboard") if config.tensorboard else None,
@@ -302,6 +305,11 @@ class _Keeper(BaseCallback):
         run, best = self._run, self._run.state["best"]
         so_far = f"best SE {best['total_efficiency']:.1f} at {best['steps']}" if best else "validating"
         run.progress(run.model.num_timesteps, run.config.steps, f"{run.trainee.kind}: {so_far}")
+
+
+def _falling(rate: float) -> Callable[[float], float]:
+    """A learning rate by the share of the run that is left."""
+    return lambda left: rate * max(left, 0.0)
 
 
 def _rank(metrics: dict[str, Any]) -> tuple[float, float]:

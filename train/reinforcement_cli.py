@@ -26,6 +26,9 @@ Rollout = Annotated[int | None, typer.Option(help="Samples of each copy between 
 Batch = Annotated[int | None, typer.Option(help="Samples a step of gradient descent.")]
 Epochs = Annotated[int | None, typer.Option(help="Passes over a rollout.")]
 LearningRate = Annotated[float | None, typer.Option(help="Learning rate of Adam.")]
+Anneal = Annotated[
+    bool | None, typer.Option("--anneal/--no-anneal", help="Whether the learning rate falls to nothing.")
+]
 Gamma = Annotated[float | None, typer.Option(help="Discount.")]
 GaeLambda = Annotated[float | None, typer.Option(help="Lambda of the advantage estimates.")]
 Entropy = Annotated[float | None, typer.Option(help="Weight of the entropy in the loss.")]
@@ -56,6 +59,7 @@ def hybrid(
     batch: Batch = None,
     epochs: Epochs = None,
     learning_rate: LearningRate = None,
+    anneal: Anneal = None,
     gamma: Gamma = None,
     gae_lambda: GaeLambda = None,
     entropy: Entropy = None,
@@ -96,6 +100,7 @@ def ppo(
     batch: Batch = None,
     epochs: Epochs = None,
     learning_rate: LearningRate = None,
+    anneal: Anneal = None,
     gamma: Gamma = None,
     gae_lambda: GaeLambda = None,
     entropy: Entropy = None,
