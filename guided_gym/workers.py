@@ -22,6 +22,8 @@ WORKER_DIED = (
     "without `if __name__ == '__main__':`)"
 )
 
+_SECONDS_TO_STOP = 5.0  # that a pool without processes may take to notice
+
 T = TypeVar("T")
 R = TypeVar("R")
 
@@ -103,9 +105,16 @@ def stop_workers(pool: concurrent.futures.ProcessPoolExecutor) -> None:
     """End the processes of `start_workers` at once, whatever they are doing."""
     # Public only from Python 3.14 on, as `terminate_workers`.
     processes = list((getattr(pool, "_processes", None) or {}).values())
+    manager: threading.Thread | None = getattr(pool, "_executor_manager_thread", None)
+    results = getattr(pool, "_result_queue", None)
     pool.shutdown(wait=False, cancel_futures=True)
     for process in processes:
         process.terminate()
+    if results is not None:
+        # Whoever reads a result that was cut off would wait for the rest as long as somebody could write it.
+        results._writer.close()
+    if manager is not None:
+        manager.join(_SECONDS_TO_STOP)  # else it may close, as Python ends, what Python is about to use
 
 
 def _in_order(work: Callable[[T], R], tasks: Iterable[T]) -> Iterator[R]:
