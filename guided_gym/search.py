@@ -204,10 +204,18 @@ class Search:
             listener.feedback(expansion)
         return expansion
 
+    def check_node(self, node: int) -> None:
+        """Refuse what is no node of the tree; kernels would read beyond it.
+
+        Raises:
+            InvalidInputError: It is none.
+        """
+        if not ((type(node) is int or isinstance(node, int | np.integer)) and 0 <= node < len(self.tree)):
+            raise InvalidInputError(f"node: expected an integer, 0 to {len(self.tree) - 1}, got {node!r}")
+
     def _checked(self, node: int, target: NDArray[np.float64]) -> NDArray[np.float64]:
         """``target`` as the kernels take it; they check no bounds."""
-        if not 0 <= node < len(self.tree):
-            raise InvalidInputError(f"node: expected 0 to {len(self.tree) - 1}, got {node!r}")
+        self.check_node(node)
         if not (type(target) is np.ndarray and target.dtype == np.float64 and target.flags.carray):
             target = np.require(target, np.float64, ["C", "W"])
         if target.shape != self.start.shape or not all(map(math.isfinite, target.tolist())):
@@ -424,6 +432,7 @@ def guided_search(
             recorder.take(burst)
         else:
             node = guidance.select(search.tree)
+            search.check_node(node)
             recorder.before(node)
             recorder.after(search.expand(node, propose(node)))
         if progress is not None:

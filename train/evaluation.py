@@ -240,12 +240,9 @@ def checked_seeds(seeds: int | Iterable[int]) -> list[int]:
     Raises:
         InvalidInputError: One is no integer in [0, 2**63), or their number is not positive.
     """
-    if isinstance(seeds, int | np.integer) and not isinstance(seeds, bool):
+    if not isinstance(seeds, Iterable):
         seeds = range(integer("seeds", seeds, least=1))
-    try:
-        wanted = list(dict.fromkeys(seeds))
-    except TypeError:
-        raise InvalidInputError(f"seeds: expected a number or several seeds, got {seeds!r}") from None
+    wanted = list(dict.fromkeys(seeds))
     for seed in wanted:
         if not isinstance(seed, int | np.integer) or isinstance(seed, bool) or not 0 <= seed < 2**63:
             raise InvalidInputError(f"seeds: expected integers in [0, 2**63), got {seed!r}")

@@ -70,6 +70,13 @@ def test_a_step_is_one_sample_rewarded_by_log_q_before_the_expansion(problem):
     assert info["nodes"] == len(search.tree)
 
 
+@pytest.mark.parametrize("reward", ["efficiency", "jensen_shannon"])
+def test_the_best_reward_is_no_negative_zero(problem, reward):
+    first = make(problem, reward=reward).step(0)[1]  # the only node there is
+    assert first == 0
+    assert math.copysign(1.0, first) == 1.0
+
+
 def test_jensen_shannon_is_between_minus_log_2_and_0(problem):
     env = make(problem, reward="jensen_shannon")
     rewards = [env.step(len(env.search.tree) - 1)[1] for _ in range(10)]

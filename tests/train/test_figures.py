@@ -106,6 +106,12 @@ def test_efficiency_over_samples__draws_the_mean_within_its_band():
     assert axes.get_xlabel() == "samples"
 
 
+def test_efficiency_over_samples__says_when_it_is_smoothed():
+    axes = figures.efficiency_over_samples(series(), window=7).axes[0]
+    assert "mean of 7 samples" in axes.get_ylabel()
+    assert "mean" not in figures.efficiency_over_samples(series()).axes[0].get_ylabel()
+
+
 def test_efficiency_over_samples__ends_with_the_last_search():
     values = np.zeros((4, 100))
     values[:, :30] = 2.0

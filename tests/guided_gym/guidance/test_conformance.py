@@ -401,6 +401,14 @@ def test_h__of_a_users_guiding_space_is_checked(walled: Walled, h, message: str)
         guided_search(walled("point"), Given(h), seed=0, max_samples=5, measure=False)
 
 
+@pytest.mark.parametrize("node", [-1, 10**9, 0.5, None, "root"])
+def test_select__of_a_users_guiding_space_is_checked(walled: Walled, node: object) -> None:
+    guidance = Given(np.ones)
+    guidance.select = lambda tree: node  # type: ignore[method-assign, assignment, return-value]
+    with pytest.raises(InvalidInputError, match="node: expected an integer, 0 to 0, got"):
+        guided_search(walled("point"), guidance, seed=0, max_samples=5)
+
+
 @pytest.mark.parametrize("h", [lambda n: np.full(n, np.inf), lambda n: [0] * n])
 def test_h__may_be_infinite_and_need_not_be_an_array(walled: Walled, h) -> None:
     assert guided_search(walled("point"), Given(h), seed=0, max_samples=5, measure=False).samples == 5
