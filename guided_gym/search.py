@@ -373,10 +373,9 @@ class SearchResult:
 
     def __repr__(self) -> str:
         found = f"a path of length {self.length:.4g}" if self.solved else "no path"
-        return (
-            f"SearchResult({found}, {self.samples} samples, {len(self.tree)} nodes, "
-            f"total SE {self.total_efficiency:.4g} nats)"
-        )
+        total = self.total_efficiency
+        measured = "not measured" if math.isnan(total) else f"total SE {total:.4g} nats"
+        return f"SearchResult({found}, {self.samples} samples, {len(self.tree)} nodes, {measured})"
 
 
 def guided_search(

@@ -361,6 +361,8 @@ def test_result__says_what_was_found(walled: Walled) -> None:
     lost = guided_search(walled("rectangle"), "rrt", seed=0, max_samples=3)
     assert math.isnan(lost.length)
     assert repr(lost).startswith("SearchResult(no path, 3 samples")
+    assert "not measured" in repr(found)
+    assert f"total SE {lost.total_efficiency:.4g} nats" in repr(lost)
 
 
 def test_progress__is_told_the_samples(walled: Walled) -> None:
