@@ -100,30 +100,35 @@ class PathDatabase(RoadmapGuidance):
         wanted = min(self.queried + self.similar, len(self.library))
         ids = self.library.most_similar(start, goal, wanted)[self.queried :] if wanted else np.zeros(0, int)
         self.queried = wanted
-        spacing = self.radius * self.planner.step
-        # On to the goal: what joins a path to it is to be filtered like the path itself.
-        onward = [np.vstack([self.library.path(int(i)), goal]) for i in ids]
-        chains = [self._resampled(path, spacing)[:-1] for path in onward]
-        points = np.vstack([*chains, goal])
-        self._path_of = np.repeat(np.arange(len(chains) + 1), [*map(len, chains), 1]).astype(np.int32)
+        rows, self._path_of = self._resampled([self.library.path(int(i)) for i in ids])
+        points = np.vstack([rows, goal])
         end = len(points) - 1
         edges = np.stack([np.arange(end), np.arange(1, end + 1)], axis=1)
         edges[self._path_of[edges[:, 0]] != self._path_of[edges[:, 1]], 1] = end
         lengths = np.atleast_1d(self.space.distance(points[edges[:, 0]], points[edges[:, 1]]))
-        self._alive = np.array([len(chain) > 0 for chain in chains], bool)
+        self._alive = np.bincount(self._path_of[:end], minlength=len(ids)) > 0
         self._index = GrowingIndex(self.space.weights, self.space.periods)
         self._index.add_many(points[:end])
         return Roadmap(points, graph_from_edges(len(points), edges, lengths), end)
 
-    def _resampled(self, path: NDArray[np.float64], spacing: float) -> NDArray[np.float64]:
-        """The path with waypoints no further apart than that."""
-        lengths = self.space.distance(path[:-1], path[1:])
-        rows = [
-            self.space.interpolate(a, b, np.arange(n) / n)
-            for a, b, n in zip(path[:-1], path[1:], np.ceil(lengths / spacing).astype(int), strict=True)
-            if n > 0
-        ]
-        return np.vstack([*rows, path[-1:]])
+    def _resampled(self, paths: list[NDArray[np.float64]]) -> tuple[NDArray[np.float64], NDArray[np.int32]]:
+        """The paths on to the goal, with waypoints no further apart than a collision reaches.
+
+        On to the goal: what joins a path to it is to be filtered like the path itself.
+
+        Returns:
+            (w, d) waypoints without the goal, and (w + 1,) the path of each; the goal has its own number.
+        """
+        corners = np.vstack([*(np.vstack([path, self.goal]) for path in paths), self.goal])
+        owner = np.repeat(np.arange(len(paths) + 1), [*(len(path) + 1 for path in paths), 1])
+        lengths = self.space.distance(corners[:-1], corners[1:])
+        counts = np.ceil(lengths / (self.radius * self.planner.step)).astype(np.int64)
+        counts[owner[:-1] != owner[1:]] = 0
+        segment = np.repeat(np.arange(len(counts)), counts)
+        first = np.repeat(np.cumsum(counts) - counts, counts)
+        t = (np.arange(len(segment)) - first) / counts[segment]
+        rows = self.space.interpolate(corners[segment], corners[segment + 1], t)
+        return rows, np.append(owner[segment], len(paths)).astype(np.int32)
 
     def anchor(self, q: NDArray[np.float64]) -> Anchors:
         """Join each configuration to the best waypoints within one step, on different paths."""
