@@ -24,6 +24,8 @@ DENT: Final = 0.45  # its corners are at least this part of the radius from its 
 APART: Final = 5.0  # from start to goal, at least
 TRIES: Final = 200
 
+_WORKSPACE = box(0.0, 0.0, SIZE, SIZE)
+
 
 def random_clutter(rng: np.random.Generator) -> Problem:
     """14 to 30 random polygons, convex or not, that may overlap; start and goal 5 apart and out of sight."""
@@ -52,12 +54,17 @@ def _drawn(rng: np.random.Generator) -> Problem | None:
 
 def _star(rng: np.random.Generator) -> Polygon:
     """A polygon with its corners in the order of their angles around its middle."""
-    corners = int(rng.integers(CORNERS[0], CORNERS[1] + 1))
-    middle = rng.uniform(0.0, SIZE, 2)
-    # One corner in each of equal sectors: no sector is empty, so the polygon is simple.
-    angles = 2.0 * np.pi * (np.arange(corners) + rng.uniform(0.1, 0.9, corners)) / corners
-    radii = rng.uniform(*RADIUS) * rng.uniform(DENT, 1.0, corners)
-    return Polygon(middle + radii[:, None] * np.column_stack((np.cos(angles), np.sin(angles))))
+    while True:
+        corners = int(rng.integers(CORNERS[0], CORNERS[1] + 1))
+        middle = rng.uniform(0.0, SIZE, 2)
+        # One corner in each of equal sectors: no sector is empty, so the polygon is simple.
+        angles = 2.0 * np.pi * (np.arange(corners) + rng.uniform(0.1, 0.9, corners)) / corners
+        radii = rng.uniform(*RADIUS) * rng.uniform(DENT, 1.0, corners)
+        star = Polygon(middle + radii[:, None] * np.column_stack((np.cos(angles), np.sin(angles))))
+        if star.intersects(
+            _WORKSPACE
+        ):  # a triangle need not contain its middle: at the rim it may lie outside
+            return star
 
 
 def _disc_passes(environment: Environment, start: np.ndarray, goal: np.ndarray) -> bool:

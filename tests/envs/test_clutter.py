@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+import shapely
 
 from guided_gym.envs import clutter, make_distribution
 from guided_gym.envs.clutter import APART, POLYGONS, random_clutter
@@ -21,6 +22,14 @@ def test_clutter__is_never_blocked(seed):
     assert not problem.space.motion_free(start, goal)
     assert np.hypot(*(goal - start)[:2]) >= APART
     assert POLYGONS[0] <= len(problem.environment.obstacles) <= POLYGONS[1]
+
+
+def test_clutter__leaves_no_polygon_outside():
+    problem = make_distribution("RandomClutter@test").problem(
+        1
+    )  # in whose first draw a triangle fell outside
+    bounds = shapely.box(*problem.environment.bounds)
+    assert all(obstacle.intersects(bounds) for obstacle in problem.environment.obstacles)
 
 
 def test_clutter__leaves_its_oracle_to_whoever_comes_next(monkeypatch):
