@@ -15,7 +15,7 @@ from guided_gym.agents.scorer import ScorerColumn
 from guided_gym.envs.catalogue import make_distribution
 from guided_gym.envs.guided_search_env import GuidedSearchEnv
 from guided_gym.errors import InvalidInputError, UnknownNameError
-from guided_gym.guidance import make_guidance
+from guided_gym.guidance import Hybrid, make_guidance
 from guided_gym.search import Search, guided_search, streams
 from guided_gym.train.evaluation import evaluate
 
@@ -124,7 +124,7 @@ def test_agents_are_kept_until_their_files_change(agent_folder: Path) -> None:
 def test_shipped_agents_load(name: str | None) -> None:
     if name is None:
         pytest.skip("none is shipped yet")
-    assert isinstance(make_guidance(f"learned:{name}"), LearnedGuidance)
+    assert isinstance(make_guidance(f"learned:{name}"), LearnedGuidance | Hybrid)
 
 
 def test_needs_no_torch(agent_folder: Path) -> None:
