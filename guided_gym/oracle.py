@@ -25,7 +25,7 @@ from guided_gym.space import ConfigurationSpace
 FloatArray = npt.NDArray[np.float64]
 Configurations = FloatArray | Sequence[float] | Sequence[Sequence[float]]
 
-SOLVER_VERSION = 1
+SOLVER_VERSION = 2
 """Part of every cache key: raise it with any change that alters a field, its links or their layout."""
 
 _BUDGET = {2: 100_000, 3: 180_000}
