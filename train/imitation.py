@@ -199,7 +199,7 @@ class _Run:
         self.best, self.moments = groups["best"], groups["adam"]
 
     def _save(self, optimizer: torch.optim.Optimizer | None = None) -> None:
-        self.moments = _moments(optimizer) if optimizer is not None else {}
+        self.moments = moments_of(optimizer) if optimizer is not None else {}
         tensors = {f"now/{name}": t for name, t in self._tensors().items()}
         tensors.update({f"best/{name}": t for name, t in self.best.items()})
         tensors.update({f"adam/{name}": t for name, t in self.moments.items()})
@@ -282,7 +282,7 @@ class _Run:
         examples = [_Example(lesson, model, self.architecture.headings) for lesson in self.lessons]
         held_out = [_Example(lesson, model, self.architecture.headings) for lesson in self.held_out]
         optimizer = torch.optim.AdamW(self.decoder.parameters(), config.learning_rate, weight_decay=1e-4)
-        _put_moments(optimizer, self.moments)
+        put_moments(optimizer, self.moments)
         batches = math.ceil(len(examples) / config.batch)
         while self.state["epochs"] < config.decoder_epochs:
             epoch = self.state["epochs"]
@@ -504,7 +504,7 @@ def _trees(folder: Path, number: int) -> list[tuple[NDArray[np.float32], NDArray
     return list(zip(np.split(tensors["columns"], ends), np.split(tensors["targets"], ends), strict=True))
 
 
-def _moments(optimizer: torch.optim.Optimizer) -> Tensors:
+def moments_of(optimizer: torch.optim.Optimizer) -> Tensors:
     """Adam's state as tensors."""
     out: Tensors = {}
     for index, entry in optimizer.state_dict()["state"].items():
@@ -513,7 +513,8 @@ def _moments(optimizer: torch.optim.Optimizer) -> Tensors:
     return out
 
 
-def _put_moments(optimizer: torch.optim.Optimizer, moments: Tensors) -> None:
+def put_moments(optimizer: torch.optim.Optimizer, moments: Tensors) -> None:
+    """Give Adam the state that `moments_of` took; nothing to give leaves it as it is."""
     if not moments:
         return
     state = optimizer.state_dict()

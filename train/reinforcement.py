@@ -30,7 +30,7 @@ from guided_gym.errors import InvalidInputError
 from guided_gym.guidance.base import GuidingSpace
 from guided_gym.search import guided_search
 from guided_gym.train.checkpoints import RunFolder
-from guided_gym.train.imitation import _moments, _put_moments, checked_device
+from guided_gym.train.imitation import checked_device, moments_of, put_moments
 from guided_gym.train.lessons import mixed_problem
 
 Tensors = dict[str, NDArray[Any]]
@@ -215,7 +215,7 @@ class _Run:
                 groups[group][rest] = tensor
             now = {name: torch.from_numpy(t) for name, t in groups["now"].items()}
             self.model.policy.load_state_dict(now)
-            _put_moments(self.model.policy.optimizer, groups["adam"])
+            put_moments(self.model.policy.optimizer, groups["adam"])
             self.best = groups["best"]
             self.model.num_timesteps = self.state["steps"]
         # Seeds of problems: another stretch of the training problems after each interruption.
@@ -227,7 +227,7 @@ class _Run:
         self.state["steps"] = self.model.num_timesteps
         policy = self.model.policy
         tensors = {f"now/{n}": t.detach().cpu().numpy() for n, t in policy.state_dict().items()}
-        tensors.update({f"adam/{name}": t for name, t in _moments(policy.optimizer).items()})
+        tensors.update({f"adam/{name}": t for name, t in moments_of(policy.optimizer).items()})
         tensors.update({f"best/{name}": t for name, t in self.best.items()})
         self.folder.save(self.state, tensors)
 

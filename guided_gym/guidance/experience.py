@@ -177,7 +177,7 @@ class PathDatabase(RoadmapGuidance):
         """Anchor anew the nodes that saw only paths which are gone."""
         n = len(nodes)
         had = (nodes.anchors.vertices[:n] >= 0).any(axis=1)
-        blind = np.flatnonzero(had & ~np.isfinite(self._values_of(nodes.anchors, n)))
+        blind = np.flatnonzero(had & ~np.isfinite(self._values_at(np.arange(n))))
         for i in blind:  # one by one: `anchor` looks around the first of a batch
             tree = self.search.tree
             nodes.replace(np.array([i]), self.project(tree, tree._configurations[i : i + 1]))
@@ -194,8 +194,7 @@ class PathDatabase(RoadmapGuidance):
 
     def select(self, tree: SearchTree) -> int:
         """Argmin h, or RRT's choice while no node sees a path."""
-        self._guided = self._sighted(tree)
-        return super().select(tree) if self._guided else self._fallback.select(tree)
+        return super().select(tree) if self._sighted(tree) else self._fallback.select(tree)
 
     def distribution(self, tree: SearchTree) -> NDArray[np.float64]:
         """One-hot at argmin h (softmin with a temperature), or RRT's P while no node sees a path."""

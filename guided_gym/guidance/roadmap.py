@@ -132,11 +132,13 @@ class RoadmapGuidance(GuidingSpace):
 
     def heuristic(self, states: Anchors) -> NDArray[np.float64]:  # type: ignore[override]
         """h: length of the shortest path to the goal on the roadmap as it stands."""
-        return self._values_of(states, len(states))
-
-    def _values_of(self, states: Anchors, n: int) -> NDArray[np.float64]:
         return anchored_values(
-            states.vertices, states.lengths, states.edges, self.roadmap.multipliers, self.roadmap.distance, n
+            states.vertices,
+            states.lengths,
+            states.edges,
+            self.roadmap.multipliers,
+            self.roadmap.distance,
+            len(states),
         )
 
     def evaluate(self, tree: SearchTree, first: int, last: int) -> NDArray[np.float64]:

@@ -20,7 +20,6 @@ from numpy.typing import ArrayLike, NDArray
 
 from guided_gym.errors import InvalidInputError
 from guided_gym.kernels.nearest import Floats, GrowingIndex, Ints, kernel_array
-from guided_gym.kernels.segments import SegmentIndex as SegmentIndex  # a roadmap's edges in space
 
 Int32s: TypeAlias = NDArray[np.int32]
 Adjacency: TypeAlias = tuple[Int32s, Int32s, Int32s]
