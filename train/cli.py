@@ -100,7 +100,7 @@ def _root(
 
 @app.command("list")
 def list_names(imports: Imports = None) -> None:
-    """Name the environments, guidances and robots that there are."""
+    """Name the environments, guidances (learned ones too) and robots that there are."""
     from guided_gym.train.overview import overview
     from guided_gym.train.specs import import_modules
 

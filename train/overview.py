@@ -23,16 +23,40 @@ _PACKAGES = (
 
 
 def overview() -> dict[str, Rows]:
-    """Title to (name, one line) of the environments, the guidances and the robots."""
+    """Title to (name, one line) of the environments, the guidances and the robots, by kind."""
     from guided_gym.envs.catalogue import distribution_names, make_distribution
     from guided_gym.guidance import guidance_class, guidance_names
+    from guided_gym.registration import SELECTIONS
     from guided_gym.robots import Robot
 
     return {
         "Environments": [(name, make_distribution(name).summary) for name in distribution_names()],
         "Guidances": [(name, _first_line(guidance_class(name).__doc__)) for name in guidance_names()],
+        "Learned guidances": _shipped(),
+        "Learning who guides": [
+            (name, f"On problems of {problems}; the action is the guiding space that guides.")
+            for name, problems in SELECTIONS.items()
+        ],
         "Robots": [(name, _first_line(getattr(Robot, name).__doc__)) for name in _ROBOTS],
     }
+
+
+def _shipped() -> Rows:
+    """The agents that come with the package: what each is and what it learned on, as its card says."""
+    from guided_gym.agents import rules, weights
+    from guided_gym.agents.learned import agent_folder, shipped_agents
+
+    rows = []
+    for name in shipped_agents():
+        folder = agent_folder(name)
+        if weights.card_kind(folder) == rules.RULE_KIND:
+            card = rules.load_rule_card(folder)
+            what = f"A hybrid of {' and '.join(card['guides'])}"
+        else:
+            card, what = weights.load_card(folder), "A field and a node scorer"
+        problems = ", ".join(card["training"]["environments"])
+        rows.append((f"learned:{name}", f"{what}, for problems like {problems}."))
+    return rows
 
 
 def _first_line(text: str | None) -> str:

@@ -11,7 +11,9 @@ from pathlib import Path
 import pytest
 from typer.testing import CliRunner
 
+from guided_gym.agents.learned import agent_folder, shipped_agents
 from guided_gym.errors import GuidedGymWarning
+from guided_gym.registration import SELECTIONS
 from guided_gym.train import cli
 from guided_gym.train.results import RESULTS_FILE
 
@@ -50,6 +52,16 @@ def test_list__names_and_describes() -> None:
     assert code == 0
     for line in ("TrapCup", "First the trap, then the cup", "lazy_prm", "rectangle"):
         assert line in out
+
+
+def test_list__names_what_was_learned_and_on_what() -> None:
+    rows = {line.split()[0]: line for line in invoke("list")[1].splitlines()}
+    for name in shipped_agents():
+        training = json.loads((agent_folder(name) / "card.json").read_text())["training"]
+        assert all(problems in rows[f"learned:{name}"] for problems in training["environments"])
+    assert "lazy_prm and medial_axis" in rows["learned:trap-cup-hybrid"]
+    for name, problems in SELECTIONS.items():
+        assert problems in rows[name]
 
 
 def test_doctor__names_versions_and_folders() -> None:
