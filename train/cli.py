@@ -2,11 +2,9 @@
 
 from __future__ import annotations
 
-import contextlib
 import sys
 import warnings
 from collections import Counter
-from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -15,17 +13,15 @@ from typer.core import TyperGroup
 
 from guided_gym.errors import GuidedGymError, GuidedGymWarning, InvalidInputError
 from guided_gym.train.reinforcement_cli import train_app
+from guided_gym.train.terminal import EXIT_INTERRUPTED, console, drawing_status, progress_bar
 
 if TYPE_CHECKING:
     from rich.console import Console
-    from rich.progress import Progress
 
     from guided_gym.train.results import Results
     from guided_gym.train.specs import EvaluationSettings
 
 EXIT_ERROR = 2
-EXIT_INTERRUPTED = 130
-WIDE = 140  # columns of a table in a file
 
 
 class _Group(TyperGroup):
@@ -105,9 +101,9 @@ def list_names(imports: Imports = None) -> None:
     from guided_gym.train.specs import import_modules
 
     import_modules(imports or ())
-    console = _console()
+    screen = console()
     for title, rows in overview().items():
-        console.print(_names_table(title, rows))
+        screen.print(_names_table(title, rows))
 
 
 @app.command()
@@ -192,12 +188,12 @@ def reproduce(
 
     with progress_bar("Reproducing the paper", out) as progress:
         report = run(seeds=seeds, workers=workers, out=out, baselines=baselines, progress=progress)
-    with _drawing(figures) as drawn:
+    with drawing_status(figures) as drawn:
         written = save_report(report, out, figures=figures, drawn=drawn)
-    console = _console()
+    screen = console()
     for table in report.tables():
-        console.print(table)
-    _name_files(console, out, written)
+        screen.print(table)
+    _name_files(screen, out, written)
 
 
 @database_app.command("build")
@@ -227,7 +223,7 @@ def database_info(file: Annotated[Path, typer.Argument(help="A path database.")]
     """Say what a path database holds."""
     from guided_gym.train.overview import database_rows
 
-    _console().print(_names_table(str(file), database_rows(file)))
+    console().print(_names_table(str(file), database_rows(file)))
 
 
 @app.command()
@@ -236,7 +232,7 @@ def doctor() -> None:
     from guided_gym.train.overview import doctor_rows
 
     for title, rows in doctor_rows().items():
-        _console().print(_names_table(title, rows))
+        console().print(_names_table(title, rows))
 
 
 def _words(option: str, text: str) -> list[str]:
@@ -245,15 +241,6 @@ def _words(option: str, text: str) -> list[str]:
     if not all(words):
         raise InvalidInputError(f"{option}: expected names separated by commas, got an empty one in {text!r}")
     return words
-
-
-def _console(stderr: bool = False) -> Console:
-    from rich.console import Console
-
-    console = Console(stderr=stderr, highlight=False)
-    if not console.is_terminal:
-        console = Console(stderr=stderr, highlight=False, width=WIDE)  # no window that could be too narrow
-    return console
 
 
 def _names_table(title: str, rows: list[tuple[str, str]]) -> Any:
@@ -265,47 +252,6 @@ def _names_table(title: str, rows: list[tuple[str, str]]) -> Any:
     for name, text in rows:
         table.add_row(name, text)
     return table
-
-
-@contextlib.contextmanager
-def progress_bar(title: str, place: Path) -> Iterator[Callable[..., None]]:
-    """A progress bar on stderr; after Ctrl-C, what is done and how to go on."""
-    from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
-
-    columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeRemainingColumn())
-    bars = Progress(*columns, console=_console(stderr=True))
-    state = {"done": 0, "total": 0}
-    task = bars.add_task(title, total=None)
-
-    def update(done: int, total: int, what: str = title) -> None:
-        state.update(done=done, total=total)
-        bars.update(task, completed=done, total=total, description=what)
-        bars.start()  # not before: what can't work says so without a bar
-
-    try:
-        yield update
-    except KeyboardInterrupt:
-        _stop(bars)
-        done = f"{state['done']} of {state['total']} are kept in {place}"
-        print(f"guided-gym: interrupted; {done}. The same command goes on from there.", file=sys.stderr)
-        sys.exit(EXIT_INTERRUPTED)
-    finally:
-        _stop(bars)
-
-
-@contextlib.contextmanager
-def _drawing(shown: bool) -> Iterator[Callable[[str], None]]:
-    """Says on stderr, on a terminal, which figure is done."""
-    if not shown:
-        yield lambda name: None
-        return
-    with _console(stderr=True).status("Drawing") as status:
-        yield lambda name: status.update(f"Drawing; {name} is done")
-
-
-def _stop(bars: Progress) -> None:
-    if bars.live.is_started:
-        bars.stop()
 
 
 def _report(
@@ -322,27 +268,27 @@ def _report(
     from guided_gym.train.results import RESULTS_FILE
     from guided_gym.train.table import rich_tables, save, summarise
 
-    console = _console()
+    screen = console()
     rows = summarise(results)
     for table in rich_tables(rows):
-        console.print(table)
+        screen.print(table)
     written = [folder / RESULTS_FILE, *save(rows, folder)]
     if figures:
         from guided_gym.train.drawing import draw_evaluation
 
         specs = as_specs(guidances, database)
         plans = [Plan(name, spec, settings) for name in names for spec in specs]
-        with _drawing(figures) as drawn:
+        with drawing_status(figures) as drawn:
             written += draw_evaluation(results, plans, folder / "figures", drawn)
-    _name_files(console, folder, written)
+    _name_files(screen, folder, written)
 
 
-def _name_files(console: Console, folder: Path, written: list[Path]) -> None:
+def _name_files(screen: Console, folder: Path, written: list[Path]) -> None:
     """Say what lies where; of a folder below, only how many files."""
     names = [path.name for path in written if path.parent == folder]
     below = Counter(path.parent for path in written if path.parent != folder)
     names += [f"{place.relative_to(folder)}/ ({count} files)" for place, count in below.items()]
-    console.print(f"\nIn {folder}: {', '.join(names)}")
+    screen.print(f"\nIn {folder}: {', '.join(names)}")
 
 
 if __name__ == "__main__":

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from guided_gym.errors import GuidedGymError
+from guided_gym.train.terminal import progress_bar
 from guided_gym.train.training_cli import Config, train_app
 
 if TYPE_CHECKING:
@@ -147,7 +148,6 @@ def _run(
 ) -> None:
     """Build the configuration, train with a progress bar, and print what came of it."""
     from guided_gym.train.checkpoints import build_config, read_config
-    from guided_gym.train.cli import progress_bar
 
     given["environments"] = _names(env)
     chosen = dict(read_config(config)) if config is not None else {}

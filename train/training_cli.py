@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from guided_gym.errors import GuidedGymError
+from guided_gym.train.terminal import progress_bar
 
 if TYPE_CHECKING:
     from rich.table import Table
@@ -59,7 +60,6 @@ def imitation(
 ) -> None:
     """Learn a field network from the oracle and a node scorer from its target. Call it again to resume."""
     from guided_gym.train.checkpoints import build_config, read_config
-    from guided_gym.train.cli import progress_bar
 
     need_torch()
     from guided_gym.train.imitation import AGENT_FOLDER, ImitationConfig, train_imitation
