@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 from typer.core import TyperGroup
 
-from guided_gym.errors import GuidedGymError, GuidedGymWarning, InvalidInputError
+from guided_gym.errors import GuidedGymError, GuidedGymWarning
 from guided_gym.train.reinforcement_cli import train_app
 from guided_gym.train.terminal import EXIT_INTERRUPTED, console, drawing_status, progress_bar
 
@@ -148,7 +148,7 @@ def evaluate(
     """Evaluate guidances on environments: a table, a results file and figures. Call it again to resume."""
     from guided_gym.efficiency import TargetParameters
     from guided_gym.train.evaluation import evaluate as run
-    from guided_gym.train.specs import EvaluationSettings
+    from guided_gym.train.specs import EvaluationSettings, words
 
     settings = EvaluationSettings(
         max_samples=max_samples,
@@ -160,7 +160,7 @@ def evaluate(
         distributions=distributions,
         goal_edge=goal_edge,
     )
-    names, guidances = _words("env", env), _words("guidance", guidance)
+    names, guidances = words("env", env), words("guidance", guidance)
     folder = out or Path("results") / "+".join(names)
     with progress_bar(f"Evaluating on {', '.join(names)}", folder) as progress:
         results = run(
@@ -233,14 +233,6 @@ def doctor() -> None:
 
     for title, rows in doctor_rows().items():
         console().print(_names_table(title, rows))
-
-
-def _words(option: str, text: str) -> list[str]:
-    """The items of a list with commas; none of nothing."""
-    words = [part.strip() for part in text.split(",")] if text.strip() else []
-    if not all(words):
-        raise InvalidInputError(f"{option}: expected names separated by commas, got an empty one in {text!r}")
-    return words
 
 
 def _names_table(title: str, rows: list[tuple[str, str]]) -> Any:

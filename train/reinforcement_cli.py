@@ -78,7 +78,6 @@ def hybrid(
     need_stable_baselines()
     from guided_gym.train.hybrid_rule import HybridConfig, train_hybrid
 
-    given["guides"] = _names(guides)
     _run("hybrid", HybridConfig, train_hybrid, env, config, out, given)
 
 
@@ -133,10 +132,6 @@ def need_stable_baselines() -> None:
             raise GuidedGymError(f"training needs {package}: pip install 'guided-gym[train]'")
 
 
-def _names(text: str | None) -> tuple[str, ...] | None:
-    return None if text is None else tuple(word.strip() for word in text.split(",") if word.strip())
-
-
 def _run(
     kind: str,
     options: type[ReinforcementConfig],
@@ -148,8 +143,12 @@ def _run(
 ) -> None:
     """Build the configuration, train with a progress bar, and print what came of it."""
     from guided_gym.train.checkpoints import build_config, read_config
+    from guided_gym.train.specs import words
 
-    given["environments"] = _names(env)
+    given["environments"] = env
+    for name in ("environments", "guides"):
+        if given.get(name) is not None:
+            given[name] = words(name, given[name])
     chosen = dict(read_config(config)) if config is not None else {}
     chosen.update({name: value for name, value in given.items() if value is not None})
     settings = build_config(options, chosen)

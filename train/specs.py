@@ -243,6 +243,18 @@ def package_version() -> str:
         return "unknown"
 
 
+def words(option: str, text: str) -> list[str]:
+    """The items of a list with commas, as options have it; none of an empty text.
+
+    Raises:
+        InvalidInputError: An item is empty.
+    """
+    items = [item.strip() for item in text.split(",")] if text.strip() else []
+    if not all(items):
+        raise InvalidInputError(f"{option}: expected names separated by commas, got an empty one in {text!r}")
+    return items
+
+
 def import_modules(names: Sequence[str]) -> None:
     """Import modules that register environments or guidances; the working folder counts.
 

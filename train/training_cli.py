@@ -63,9 +63,10 @@ def imitation(
 
     need_torch()
     from guided_gym.train.imitation import AGENT_FOLDER, ImitationConfig, train_imitation
+    from guided_gym.train.specs import words
 
     given = {
-        "environments": env and tuple(word.strip() for word in env.split(",") if word.strip()),
+        "environments": None if env is None else words("environments", env),
         "seed": seed, "problems": problems, "validation": validation, "decoder_epochs": decoder_epochs,
         "rounds": rounds, "searches": searches, "divergence": divergence, "cells": cells,
         "headings": headings, "planning": planning, "device": device, "tensorboard": tensorboard,
