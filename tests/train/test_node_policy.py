@@ -107,7 +107,6 @@ def test_what_cannot_work_is_refused_before_anything_is_written(finished, tmp_pa
     for change, error in (
         ({"start": "nowhere"}, UnknownNameError),
         ({"max_memory": 0.001}, InvalidInputError),
-        ({"device": "cuda"}, InvalidInputError),
     ):
         with pytest.raises(error):
             train_ppo(replace(TINY, **change), out, say=lambda text: None)

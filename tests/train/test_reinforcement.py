@@ -130,7 +130,6 @@ def _steps(out: Path) -> int:
 def test_what_cannot_work_is_refused_before_anything_is_written(tmp_path, finished):
     out = tmp_path / "none"
     for change, error, match in (
-        ({"device": "cuda"}, InvalidInputError, "CUDA|cuda"),
         ({"max_memory": 0.001}, InvalidInputError, "max_memory"),
         ({"environments": ("TrapCupp",)}, UnknownNameError, "TrapCup"),
         ({"guides": ("lazy_pmr", "rrt")}, UnknownNameError, "lazy_prm"),

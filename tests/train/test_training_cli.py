@@ -1,7 +1,9 @@
-"""What the commands of ``guided-gym train`` refuse, before anything starts."""
+"""The commands of ``guided-gym train``: what they refuse before anything starts, and TensorBoard's files."""
 
 from __future__ import annotations
 
+import importlib.util
+from collections.abc import Callable
 from pathlib import Path
 
 import pytest
@@ -11,6 +13,8 @@ from guided_gym.train.cli import EXIT_ERROR, app
 
 pytest.importorskip("torch")
 pytest.importorskip("sb3_contrib")
+
+import torch
 
 TRAININGS = ("imitation", "hybrid", "ppo")
 
@@ -50,3 +54,101 @@ def test_lists_of_guides_with_empty_items_are_refused(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, text: str, message: str
 ) -> None:
     assert message in refusal(tmp_path, monkeypatch, "hybrid", "TrapCup", "--guides", text)
+
+
+@pytest.mark.parametrize("training", TRAININGS)
+def test_a_cuda_device_that_is_not_there_is_refused(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, training: str
+) -> None:
+    monkeypatch.setattr(torch.cuda, "is_available", lambda: False)
+    arguments = (training, "RandomSimplePassage", "--device", "cuda")
+    assert "device: expected a CUDA device" in refusal(tmp_path, monkeypatch, *arguments)
+
+
+@pytest.fixture
+def hide(monkeypatch: pytest.MonkeyPatch) -> Callable[[str], None]:
+    """Makes a package look as if it were not installed."""
+
+    def hide(name: str) -> None:
+        found = importlib.util.find_spec
+        monkeypatch.setattr(
+            importlib.util, "find_spec", lambda n, *rest: None if n == name else found(n, *rest)
+        )
+
+    return hide
+
+
+@pytest.mark.parametrize("training", TRAININGS)
+def test_tensorboard_that_is_not_there_is_refused(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, hide: Callable[[str], None], training: str
+) -> None:
+    hide("tensorboard")
+    said = refusal(tmp_path, monkeypatch, training, "RandomSimplePassage", "--tensorboard")
+    assert "pip install 'guided-gym[train]'" in said
+
+
+@pytest.mark.parametrize("training", TRAININGS)
+def test_torch_that_is_not_there_is_refused(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, hide: Callable[[str], None], training: str
+) -> None:
+    hide("torch")
+    said = refusal(tmp_path, monkeypatch, training, "RandomSimplePassage")
+    assert "pip install 'guided-gym[train]'" in said
+
+
+REINFORCEMENT = """
+environments = ["RandomSimplePassage"]
+steps = 64
+copies = 2
+rollout = 16
+batch = 16
+epochs = 1
+max_samples = 15
+validation = 1
+validate_every = 32
+"""
+OPTIONS = {
+    "hybrid": REINFORCEMENT + "hidden = [8]",
+    "ppo": REINFORCEMENT + "cells = 24\nheadings = 8\nscorer_hidden = 8",
+    "imitation": """
+problems = 4
+validation = 2
+poses = 32
+encoder_steps = 10
+decoder_epochs = 1
+batch = 2
+rounds = 1
+searches = 3
+scorer_steps = 10
+max_samples = 20
+cells = 24
+headings = 8
+""",
+}
+
+
+@pytest.mark.parametrize(
+    ("training", "curves"),
+    [
+        ("hybrid", {"validation/solved": [0, 32, 64], "train/value_loss": [32, 64]}),
+        ("ppo", {"validation/solved": [0, 32, 64], "train/value_loss": [32, 64]}),
+        ("imitation", {"validation/solved": None, "decoder/loss": None, "scorer/loss": None}),
+    ],
+)
+def test_tensorboard_gets_the_curves(
+    tmp_path: Path, training: str, curves: dict[str, list[int] | None]
+) -> None:
+    """Of reinforcement learning each at the samples that the weights had learned from."""
+    pytest.importorskip("tensorboard")
+    from tensorboard.backend.event_processing.event_accumulator import EventAccumulator
+
+    (tmp_path / "options.toml").write_text(OPTIONS[training])
+    arguments = ["--config", str(tmp_path / "options.toml"), "--out", str(tmp_path / "run"), "--tensorboard"]
+    result = CliRunner().invoke(app, ["train", training, *arguments])
+    assert result.exit_code == 0, result.output
+    (file,) = (tmp_path / "run" / "tensorboard").rglob("events.*")
+    events = EventAccumulator(str(file))
+    events.Reload()
+    for name, steps in curves.items():
+        found = [event.step for event in events.Scalars(name)]
+        assert found == steps if steps is not None else found
