@@ -5,6 +5,7 @@ A checkpoint is one safetensors file, written whole or not at all: a killed run 
 
 from __future__ import annotations
 
+import importlib.util
 import json
 import tomllib
 from collections.abc import Mapping
@@ -73,6 +74,18 @@ def build_config(kind: type[C], options: Mapping[str, Any]) -> C:
             raise InvalidInputError(f"{name}: expected {wanted.__name__}, got {value!r}")
         values[name] = value
     return kind(**values)
+
+
+def check_board(wanted: bool) -> None:
+    """Refuse TensorBoard files where nothing can write them.
+
+    Raises:
+        InvalidInputError: They are wanted, and TensorBoard is not installed.
+    """
+    if wanted and importlib.util.find_spec("tensorboard") is None:
+        raise InvalidInputError(
+            "tensorboard: expected the package tensorboard, got none: pip install 'guided-gym[train]'"
+        )
 
 
 class RunFolder:

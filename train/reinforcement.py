@@ -6,7 +6,6 @@ are a `Trainee` for the loop here: rollouts and updates, validation searches, th
 
 from __future__ import annotations
 
-import importlib.util
 import time
 from abc import ABC, abstractmethod
 from collections.abc import Callable
@@ -29,7 +28,7 @@ from guided_gym.envs.catalogue import make_distribution
 from guided_gym.errors import InvalidInputError
 from guided_gym.guidance.base import GuidingSpace
 from guided_gym.search import guided_search
-from guided_gym.train.checkpoints import RunFolder
+from guided_gym.train.checkpoints import RunFolder, check_board
 from guided_gym.train.imitation import checked_device, moments_of, put_moments
 from guided_gym.train.lessons import mixed_problem
 
@@ -164,8 +163,7 @@ class _Run:
         self.trainee, self.config, self.progress = trainee, trainee.config, progress
         config = self.config
         device = checked_device(config.device)
-        if config.tensorboard and importlib.util.find_spec("tensorboard") is None:
-            raise InvalidInputError("tensorboard: expected the package tensorboard, got none; install it")
+        check_board(config.tensorboard)
         self.distributions = [make_distribution(name) for name in config.environments]
         copies = [self._copy(i) for i in range(config.copies)]
         space, actions = copies[0].observation_space, copies[0].action_space
@@ -271,11 +269,18 @@ class _Run:
         }
         self.state["history"].append(metrics)
         self.state["validated"] = self.model.num_timesteps
-        for name, value in metrics.items():
-            self.model.logger.record(f"validation/{name}", value)
+        self._log(metrics)
         best = self.state["best"]
         if best is None or _rank(metrics) < _rank(best):
             self.state["best"], self.best = metrics, tensors
+
+    def _log(self, metrics: dict[str, Any]) -> None:
+        """Curves of the validations, at once: stable-baselines3 writes after the next rollout only."""
+        logger = self.model.logger
+        for name, value in metrics.items():
+            if name != "steps":
+                logger.record(f"validation/{name}", value)
+        logger.dump(metrics["steps"])
 
 
 class _Keeper(BaseCallback):

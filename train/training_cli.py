@@ -59,7 +59,7 @@ def imitation(
     ] = None,
 ) -> None:
     """Learn a field network from the oracle and a node scorer from its target. Call it again to resume."""
-    from guided_gym.train.checkpoints import build_config, read_config
+    from guided_gym.train.checkpoints import build_config, check_board, read_config
 
     need_torch()
     from guided_gym.train.imitation import AGENT_FOLDER, ImitationConfig, train_imitation
@@ -74,6 +74,7 @@ def imitation(
     options = dict(read_config(config)) if config is not None else {}
     options.update({name: value for name, value in given.items() if value is not None})
     settings = build_config(ImitationConfig, options)
+    check_board(settings.tensorboard)
     folder = out or Path("runs") / f"imitation-{'+'.join(settings.environments)}"
     with progress_bar("Imitation", folder) as progress:
         card = train_imitation(settings, folder, progress)
