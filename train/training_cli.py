@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import importlib.util
+import inspect
+from collections.abc import Callable, Mapping
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any, TypeVar
 
 import typer
 
@@ -14,6 +16,9 @@ from guided_gym.train.terminal import progress_bar
 if TYPE_CHECKING:
     from rich.table import Table
 
+C = TypeVar("C")
+Command = TypeVar("Command", bound=Callable[..., None])
+
 train_app = typer.Typer(help="Train learned guidance (needs the extra [train]).", no_args_is_help=True)
 
 Config = Annotated[
@@ -22,59 +27,98 @@ Config = Annotated[
 Out = Annotated[Path | None, typer.Option(help="Folder of the run; runs/imitation-ENV by default.")]
 
 
-def need_torch() -> None:
-    """Refuse before anything starts if torch is not installed.
+OptionTable = Mapping[str, tuple[type, str]]
+"""Of options, named as the fields of a configuration: the type on the command line, and the help."""
+
+SEED = (int, "Seed of everything random.")
+VALIDATION = (int, "Validation problems.")
+DEVICE = (str, "cpu or cuda.")
+TENSORBOARD = (bool, "Write TensorBoard files.")
+LISTS = ("environments", "guides")  # with commas on the command line
+
+_OPTIONS: OptionTable = {
+    "seed": SEED,
+    "problems": (int, "Training problems."),
+    "validation": VALIDATION,
+    "decoder_epochs": (int, "Passes over the training problems."),
+    "rounds": (int, "Rounds of DAgger."),
+    "searches": (int, "Searches a round."),
+    "divergence": (str, "forward: D_KL(Q || P); reverse: D_KL(P || Q)."),
+    "cells": (int, "Cells along each side of the raster."),
+    "headings": (int, "Headings of the grid."),
+    "planning": (bool, "Whether the field has its wave."),
+    "device": DEVICE,
+    "tensorboard": TENSORBOARD,
+}
+
+
+def takes(options: OptionTable) -> Callable[[Command], Command]:
+    """Give a command the options of a table, in place of its ``**given``; None for those left out."""
+
+    def decorate(command: Command) -> Command:
+        signature = inspect.signature(command, eval_str=True)
+        own = [p for p in signature.parameters.values() if p.kind is not p.VAR_KEYWORD]
+        rows = [
+            inspect.Parameter(
+                name,
+                inspect.Parameter.KEYWORD_ONLY,
+                default=None,
+                annotation=Annotated[kind | None, typer.Option(help=text)],
+            )
+            for name, (kind, text) in options.items()
+        ]
+        command.__signature__ = signature.replace(parameters=[*own, *rows])  # type: ignore[attr-defined]
+        return command
+
+    return decorate
+
+
+def need(*packages: str) -> None:
+    """Refuse before anything starts if part of the extra ``[train]`` is not installed.
 
     Raises:
-        GuidedGymError: It is not.
+        GuidedGymError: A package is not.
     """
-    if importlib.util.find_spec("torch") is None:
-        raise GuidedGymError("training needs torch: pip install 'guided-gym[train]'")
+    for package in packages:
+        if importlib.util.find_spec(package) is None:
+            raise GuidedGymError(f"training needs {package}: pip install 'guided-gym[train]'")
+
+
+def settings_of(kind: type[C], config: Path | None, given: Mapping[str, Any]) -> C:
+    """The configuration of a run: the options in a TOML file, and those given here, which win.
+
+    Raises:
+        InvalidInputError: An option that is out of range, or an empty item in a list.
+        StorageError: The file is missing or not TOML.
+        UnknownNameError: An option in the file that there is not.
+    """
+    from guided_gym.train.checkpoints import build_config, check_board, read_config
+    from guided_gym.train.specs import words
+
+    options = dict(read_config(config)) if config is not None else {}
+    for name, value in given.items():
+        if value is not None:
+            options[name] = words(name, value) if name in LISTS else value
+    settings = build_config(kind, options)
+    check_board(options.get("tensorboard", False))
+    return settings
 
 
 @train_app.command("imitation")
+@takes(_OPTIONS)
 def imitation(
     env: Annotated[
         str | None, typer.Argument(help="Environments to learn from, separated by commas.")
     ] = None,
     config: Config = None,
     out: Out = None,
-    seed: Annotated[int | None, typer.Option(help="Seed of everything random.")] = None,
-    problems: Annotated[int | None, typer.Option(help="Training problems.")] = None,
-    validation: Annotated[int | None, typer.Option(help="Validation problems.")] = None,
-    decoder_epochs: Annotated[int | None, typer.Option(help="Passes over the training problems.")] = None,
-    rounds: Annotated[int | None, typer.Option(help="Rounds of DAgger.")] = None,
-    searches: Annotated[int | None, typer.Option(help="Searches a round.")] = None,
-    divergence: Annotated[
-        str | None, typer.Option(help="forward: D_KL(Q || P); reverse: D_KL(P || Q).")
-    ] = None,
-    cells: Annotated[int | None, typer.Option(help="Cells along each side of the raster.")] = None,
-    headings: Annotated[int | None, typer.Option(help="Headings of the grid.")] = None,
-    planning: Annotated[
-        bool | None, typer.Option("--planning/--no-planning", help="Whether the field has its wave.")
-    ] = None,
-    device: Annotated[str | None, typer.Option(help="cpu or cuda.")] = None,
-    tensorboard: Annotated[
-        bool | None, typer.Option("--tensorboard/--no-tensorboard", help="Write TensorBoard files.")
-    ] = None,
+    **given: Any,
 ) -> None:
     """Learn a field network from the oracle and a node scorer from its target. Call it again to resume."""
-    from guided_gym.train.checkpoints import build_config, check_board, read_config
-
-    need_torch()
+    need("torch")
     from guided_gym.train.imitation import AGENT_FOLDER, ImitationConfig, train_imitation
-    from guided_gym.train.specs import words
 
-    given = {
-        "environments": None if env is None else words("environments", env),
-        "seed": seed, "problems": problems, "validation": validation, "decoder_epochs": decoder_epochs,
-        "rounds": rounds, "searches": searches, "divergence": divergence, "cells": cells,
-        "headings": headings, "planning": planning, "device": device, "tensorboard": tensorboard,
-    }  # fmt: skip
-    options = dict(read_config(config)) if config is not None else {}
-    options.update({name: value for name, value in given.items() if value is not None})
-    settings = build_config(ImitationConfig, options)
-    check_board(settings.tensorboard)
+    settings = settings_of(ImitationConfig, config, {"environments": env, **given})
     folder = out or Path("runs") / f"imitation-{'+'.join(settings.environments)}"
     with progress_bar("Imitation", folder) as progress:
         card = train_imitation(settings, folder, progress)

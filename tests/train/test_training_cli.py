@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import importlib.util
 from collections.abc import Callable
 from pathlib import Path
@@ -15,6 +16,12 @@ pytest.importorskip("torch")
 pytest.importorskip("sb3_contrib")
 
 import torch
+
+from guided_gym.train.hybrid_rule import HybridConfig
+from guided_gym.train.imitation import ImitationConfig
+from guided_gym.train.node_policy import PPOConfig
+from guided_gym.train.reinforcement_cli import _HYBRID, _SCORER
+from guided_gym.train.training_cli import _OPTIONS, LISTS, OptionTable
 
 TRAININGS = ("imitation", "hybrid", "ppo")
 
@@ -63,6 +70,17 @@ def test_a_cuda_device_that_is_not_there_is_refused(
     monkeypatch.setattr(torch.cuda, "is_available", lambda: False)
     arguments = (training, "RandomSimplePassage", "--device", "cuda")
     assert "device: expected a CUDA device" in refusal(tmp_path, monkeypatch, *arguments)
+
+
+@pytest.mark.parametrize(
+    ("table", "kind"),
+    [(_OPTIONS, ImitationConfig), (_HYBRID, HybridConfig), (_SCORER, PPOConfig)],
+)
+def test_options_are_those_of_the_configuration(table: OptionTable, kind: type) -> None:
+    fields = {field.name: type(field.default) for field in dataclasses.fields(kind)}
+    for name, (wanted, text) in table.items():
+        assert fields[name] is (tuple if name in LISTS else wanted)
+        assert text.endswith(".")
 
 
 @pytest.fixture
