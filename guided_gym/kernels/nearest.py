@@ -500,6 +500,18 @@ def checked_metric(weights: ArrayLike, periods: ArrayLike) -> tuple[Floats, Floa
     return w, p
 
 
+def checked_query(q: ArrayLike, d: int) -> Floats:
+    """Return a configuration (d,) as kernels take it.
+
+    Raises:
+        InvalidInputError: wrong shape, NaN or an infinity.
+    """
+    row = kernel_array(q, np.float64)
+    if row.shape != (d,) or not np.isfinite(row).all():
+        raise InvalidInputError(f"expected a finite configuration of shape ({d},), got {row.tolist()}")
+    return row
+
+
 class GrowingIndex:
     """Exact, deterministic nearest neighbours under insertion (periodic, weighted; see the module).
 
@@ -620,7 +632,7 @@ class GrowingIndex:
         """
         if k < 1:
             raise InvalidInputError(f"expected k >= 1, got {k}")
-        row = self._queries(np.asarray(q, dtype=np.float64)[None])[0]
+        row = checked_query(q, self.state[0].shape[1])
         return k_nearest(self.state, row, k)
 
     def within(self, q: ArrayLike, r: float) -> Ints:
@@ -629,7 +641,7 @@ class GrowingIndex:
         Raises:
             InvalidInputError: wrong shape, a query that is not finite, or a NaN radius.
         """
-        row = self._queries(np.asarray(q, dtype=np.float64)[None])[0]
+        row = checked_query(q, self.state[0].shape[1])
         if np.isnan(r):
             raise InvalidInputError(f"expected a radius, got {r}")
         return within(self.state, row, float(r))

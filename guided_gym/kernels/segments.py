@@ -28,6 +28,7 @@ from guided_gym.kernels.nearest import (
     State,
     box_distance2,
     checked_metric,
+    checked_query,
     doubled,
     first_sorted,
     insert,
@@ -227,10 +228,7 @@ class SegmentIndex:
         Raises:
             InvalidInputError: wrong shape, a query that is not finite, or a NaN radius.
         """
-        row = kernel_array(q, np.float64)
-        if row.shape != self._halves.shape[1:] or not np.all(np.isfinite(row)) or np.isnan(r):
-            raise InvalidInputError(
-                f"expected a finite configuration of shape {self._halves.shape[1:]} and a radius, "
-                f"got {row.tolist()} and {r}"
-            )
+        row = checked_query(q, self._halves.shape[1])
+        if np.isnan(r):
+            raise InvalidInputError(f"expected a radius, got {r}")
         return segments_within(*self.state, row, float(r))
