@@ -26,7 +26,7 @@ import shapely
 from rich.console import Console
 from rich.table import Table
 from scipy.interpolate import RegularGridInterpolator
-from scipy.sparse.csgraph import dijkstra
+from visibility_graph import visibility_distances
 
 from guided_gym.environment import Environment
 from guided_gym.kernels.cost_query import cost_to_go_many, cost_to_go_one
@@ -68,21 +68,6 @@ def cup(rng):
         shapely.box(x, y + s - 0.4, x + 3, y + s),
         shapely.box(x + 2.6, y - s, x + 3, y + s),
     ]
-
-
-def visibility_distances(obstacles, goal, points):
-    """Exact distances of a point robot: Dijkstra over the corners that see each other."""
-    inside = shapely.union_all(obstacles).buffer(-1e-9)
-    corners = np.array([goal] + [c for o in obstacles for c in o.exterior.coords[:-1]])
-    corners = corners[shapely.covers(shapely.box(*BOUNDS), shapely.points(corners))]
-
-    def seen(a, b):
-        return ~shapely.intersects(shapely.linestrings(np.stack(np.broadcast_arrays(a, b), axis=-2)), inside)
-
-    gaps = np.linalg.norm(corners[:, None] - corners, axis=-1)
-    to_goal = dijkstra(np.where(seen(corners[:, None], corners), gaps, 0.0), indices=0)
-    legs = np.linalg.norm(points[:, None] - corners, axis=-1)
-    return np.where(seen(points[:, None], corners), legs + to_goal, np.inf).min(axis=1)
 
 
 def peer_costs(oracle, q):
@@ -137,7 +122,7 @@ def accuracy(kind, problems):
         q = q[space.valid(q)]
         goal, q = q[0], q[1:]
         if space.dimension == 2:
-            exact = visibility_distances(obstacles, goal, q)
+            exact = visibility_distances(obstacles, BOUNDS, goal, q)
         else:
             fine = [4 * n for n in Oracle(space, goal, cache=False).resolution]
             exact = Oracle(space, goal, resolution=fine, cache=False).cost_to_go(q)

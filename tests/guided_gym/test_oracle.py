@@ -7,7 +7,6 @@ import pytest
 import shapely
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from scipy.sparse.csgraph import dijkstra
 
 from guided_gym import oracle as oracle_module
 from guided_gym.environment import Environment
@@ -58,22 +57,6 @@ def free_poses(space, n, seed=0):
     return q[space.valid(q)]
 
 
-def visibility_distances(obstacles, goal, points):
-    """Exact shortest-path distances of a point among polygons: Dijkstra over corners that see each other."""
-    inside = shapely.union_all(obstacles).buffer(-1e-9)
-    corners = np.array([goal] + [c for o in obstacles for c in o.exterior.coords[:-1]])
-    corners = corners[shapely.covers(shapely.box(*BOUNDS), shapely.points(corners))]
-
-    def seen(a, b):
-        return ~shapely.intersects(shapely.linestrings(np.stack(np.broadcast_arrays(a, b), axis=-2)), inside)
-
-    gaps = np.linalg.norm(corners[:, None] - corners, axis=-1)
-    graph = np.where(seen(corners[:, None], corners), gaps, 0.0)
-    to_goal = dijkstra(graph, indices=0)
-    legs = np.linalg.norm(points[:, None] - corners, axis=-1)
-    return np.where(seen(points[:, None], corners), legs + to_goal, np.inf).min(axis=1)
-
-
 def test_empty_room_is_a_straight_line():
     space = point_space()
     q = free_poses(space, 500)
@@ -110,12 +93,12 @@ def test_angles_are_periodic():
 
 
 @pytest.mark.parametrize("seed", range(3))
-def test_point_among_polygons_agrees_with_the_visibility_graph(seed):
+def test_point_among_polygons_agrees_with_the_visibility_graph(seed, reference):
     obstacles = clutter(seed)
     space = point_space(*obstacles)
     q = free_poses(space, 1500, seed)
     goal, q = q[0], q[1:]
-    exact = visibility_distances(obstacles, goal, q)
+    exact = reference("visibility_graph").visibility_distances(obstacles, BOUNDS, goal, q)
     cost = Oracle(space, goal).cost_to_go(q)
     assert np.isfinite(cost).all()
     assert np.mean(np.abs(cost / exact - 1)) < 0.01

@@ -2,11 +2,9 @@
 
 from __future__ import annotations
 
-import importlib.util
 import math
 import subprocess
 import sys
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -30,18 +28,6 @@ ROBOTS = {
     "off-centre": Robot.polygon([(1, 0), (2, 0), (1.5, 0.5)]),
 }
 WALL = Environment(BOUNDS, (shapely.box(4.5, 0, 5.5, 4.6), shapely.box(4.5, 5.4, 5.5, 10)))
-
-
-def load_reference():
-    path = Path(__file__).parents[2] / "benchmarks" / "dense_reference.py"
-    spec = importlib.util.spec_from_file_location("dense_reference", path)
-    module = importlib.util.module_from_spec(spec)
-    sys.modules["dense_reference"] = module
-    spec.loader.exec_module(module)
-    return module
-
-
-reference = load_reference()
 
 
 def clutter(seed):
@@ -241,14 +227,15 @@ def test_concave_robot_straddles_an_obstacle_that_its_hull_would_hit():
 
 
 @pytest.mark.parametrize("seed", range(3))
-def test_no_certified_motion_collides_and_hardly_a_free_one_is_refused(robot, seed):
+def test_no_certified_motion_collides_and_hardly_a_free_one_is_refused(robot, seed, reference):
+    dense = reference("dense_reference")
     space = ConfigurationSpace(robot, clutter(10 + seed))
-    scene = reference.scene_of(robot, space.environment)
+    scene = dense.scene_of(robot, space.environment)
     rng = np.random.default_rng(seed)
     poses = space.sample(rng, 4000)
     starts = poses[space.valid(poses)][:500]
     ends = moved(space, rng, starts, 2.0)
-    collides = reference.motions_collide(starts, ends, STEP, scene) >= 0
+    collides = dense.motions_collide(starts, ends, STEP, scene) >= 0
     certified = space.motions_free(starts, ends)
     assert 50 < certified.sum() < len(starts)
     assert not (certified & collides).any()
