@@ -19,6 +19,14 @@ def shortest(delta: float, period: float) -> float:
 
 
 @njit(cache=True)
+def placed(value: float, period: float) -> float:
+    """``value`` in [-period / 2, period / 2), where rounding would leave it a hair outside, too."""
+    value = shortest(value, period)
+    half = 0.5 * period
+    return -half if period > 0.0 and not -half <= value < half else value
+
+
+@njit(cache=True)
 def separation(a: Floats, b: Floats, weights: Floats, periods: Floats) -> float:
     """Distance between configurations: sqrt(sum (w_i * wrapped difference_i)^2)."""
     total = 0.0
@@ -36,7 +44,7 @@ def interpolate(a: Floats, b: Floats, t: float, periods: Floats) -> Floats:
     """
     out = np.empty(a.size)
     for i in range(a.size):
-        out[i] = shortest(a[i] + t * shortest(b[i] - a[i], periods[i]), periods[i])
+        out[i] = placed(a[i] + t * shortest(b[i] - a[i], periods[i]), periods[i])
     return out
 
 
@@ -107,5 +115,5 @@ def ball_samples(
             norm += normals[j, i] * normals[j, i]
         scale = step * radii[j] ** (1.0 / d) / np.sqrt(norm)
         for i in range(d):
-            out[j, i] = shortest(q[i] + scale * normals[j, i] / weights[i], periods[i])
+            out[j, i] = placed(q[i] + scale * normals[j, i] / weights[i], periods[i])
     return out

@@ -57,7 +57,12 @@ def test_segment_separation__against_dense_sampling(a: np.ndarray, b: np.ndarray
 def test_steer__stays_in_range(a: np.ndarray, b: np.ndarray, step: float) -> None:
     reached = steer(a, b, step, W, P)
     assert separation(a, reached, W, P) == pytest.approx(min(step, separation(a, b, W, P)), abs=1e-9)
-    assert -math.pi <= reached[2] <= math.pi
+    assert -math.pi <= reached[2] < math.pi
+
+
+def test_steer__does_not_leave_the_range_by_rounding() -> None:
+    reached = steer(np.zeros(3), np.array([0, 0, np.nextafter(math.pi, 4)]), 2.0, W, P)
+    assert -math.pi <= reached[2] < math.pi
 
 
 def test_ball_samples__hand_worked() -> None:
