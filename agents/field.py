@@ -9,29 +9,21 @@ modules that train it. No pose or motion is checked for collision.
 
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass
-from functools import cached_property
 from typing import Any, Final
 
 import numpy as np
-import shapely
 from numpy.typing import NDArray
 
-from guided_gym.environment import Environment
 from guided_gym.errors import InvalidInputError, StorageError
 from guided_gym.kernels import fields
-from guided_gym.robots import Robot
-from guided_gym.space import ConfigurationSpace
-
-FloatArray = NDArray[np.float64]
-Field = NDArray[np.float32]
+from guided_gym.kernels.fields import CLIP, LEAST
+from guided_gym.pose_grid import Field, FloatArray, PoseGrid, WaveModel
 
 ROOM_COLUMNS: Final = ("room", "room before", "room after", "workspace room")
 """What the encoder sees of a pose: room in cells at its heading and the two beside it, and of a point."""
 LAYERS: Final = ("room", "detour", "wave")
 """What the decoder sees, one channel per heading each; "workspace room" comes behind them."""
-_ROOM_CLIP: Final = 4.0
 _DETOUR_CLIP: Final = 4.0
 
 
@@ -122,165 +114,56 @@ def plain_tensors(architecture: FieldArchitecture) -> dict[str, Field]:
     return tensors
 
 
-def body_discs(robot: Robot) -> FloatArray:
-    """(k, 3) discs x, y, radius that fill the robot's outline: points along it and the largest inside."""
-    outline = robot.outline
-    radius = robot.radius
-    if isinstance(outline, shapely.Point) or radius == 0.0:
-        return np.array([[*shapely.get_coordinates(outline)[0], 0.0]])
-    border = outline.boundary if isinstance(outline, shapely.Polygon) else outline
-    spacing = radius / 2.0
-    points = shapely.get_coordinates(shapely.segmentize(border, spacing))
-    discs = [np.column_stack([points, np.zeros(len(points))])]
-    if isinstance(outline, shapely.Polygon):
-        xmin, ymin, xmax, ymax = outline.bounds
-        x, y = np.meshgrid(np.arange(xmin, xmax, spacing / 4), np.arange(ymin, ymax, spacing / 4))
-        inner = shapely.points(x.ravel() + spacing / 8, y.ravel() + spacing / 8)
-        inner = inner[shapely.contains(outline, inner)]
-        room = shapely.distance(border, inner)
-        chosen: list[int] = []
-        for i in np.argsort(-room, kind="stable"):  # the largest first; none whose centre another covers
-            x0, y0 = shapely.get_x(inner[i]), shapely.get_y(inner[i])
-            if all(
-                math.hypot(x0 - shapely.get_x(inner[j]), y0 - shapely.get_y(inner[j])) > 0.7 * room[j]
-                for j in chosen
-            ):
-                chosen.append(int(i))
-        rows = [(shapely.get_x(inner[i]), shapely.get_y(inner[i]), room[i]) for i in chosen]
-        discs.append(np.array(rows, np.float64).reshape(-1, 3))
-    return np.ascontiguousarray(np.unique(np.concatenate(discs), axis=0))
+def encoder_columns(grid: PoseGrid) -> Field:
+    """(n * n * T, columns) what the encoder sees, as in `ROOM_COLUMNS`."""
+    room = np.clip(grid.room, LEAST, CLIP)
+    point = np.broadcast_to(np.clip(grid.workspace, LEAST, CLIP)[..., None], room.shape)
+    stacked = np.stack([room, np.roll(room, 1, 2), np.roll(room, -1, 2), point], axis=-1)
+    return stacked.reshape(-1, len(ROOM_COLUMNS))
 
 
-def _edges(environment: Environment) -> FloatArray:
-    union = environment.obstacle_union
-    polygons = getattr(union, "geoms", [union])
-    rings = [ring for p in polygons if not p.is_empty for ring in (p.exterior, *p.interiors)]
-    if not rings:
-        return np.zeros((0, 4))
-    parts = [shapely.get_coordinates(ring) for ring in rings]
-    return np.ascontiguousarray(np.concatenate([np.hstack([part[:-1], part[1:]]) for part in parts]))
-
-
-@dataclass(frozen=True, eq=False)
-class Grid:
-    """What a field network sees of a problem without its goal: the square around the workspace.
-
-    Attributes:
-        frame: Where the cells lie (see `guided_gym.kernels.fields`); its goal is not set.
-        side: Side of the square (length).
-        room: (n, n, T) room of the robot in cells; T is 1 for a robot that cannot turn.
-        workspace: (n, n) room of a point in cells.
-    """
-
-    frame: FloatArray
-    side: float
-    room: Field
-    workspace: Field
-
-    @classmethod
-    def of(cls, space: ConfigurationSpace, architecture: FieldArchitecture) -> Grid:
-        """Rasterise the workspace of a space, as its robot sees it.
-
-        Raises:
-            InvalidInputError: A robot that is not planar and rigid.
-        """
-        if space.dimension not in (2, 3):
-            raise InvalidInputError(
-                f"field network: expected a robot with configurations (x, y) or (x, y, theta), got "
-                f"{space.dimension} dimensions"
-            )
-        xmin, ymin, xmax, ymax = space.environment.bounds
-        side = max(xmax - xmin, ymax - ymin)
-        n = architecture.cells
-        cell = side / n
-        frame = np.zeros(fields.FRAME)
-        frame[fields.ORIGIN_X] = (xmin + xmax - side + cell) / 2
-        frame[fields.ORIGIN_Y] = (ymin + ymax - side + cell) / 2
-        frame[fields.CELL] = cell
-        frame[fields.WEIGHT] = space.weights[2] if space.dimension == 3 else 0.0
-        bounds = np.array(space.environment.bounds)
-        distances = fields.signed_distances(_edges(space.environment), bounds, frame, n)
-        turns = architecture.headings if space.dimension == 3 else 1
-        discs = body_discs(space.robot)
-        room = fields.robot_clearances(distances, discs, space.robot.radius, cell, turns)
-        return cls(frame, side, room, (distances / cell).astype(np.float32))
-
-    def towards(self, goal: FloatArray) -> FloatArray:
-        """The frame with a goal in it."""
-        frame = self.frame.copy()
-        frame[fields.GOAL : fields.GOAL + goal.size] = goal
-        return frame
-
-    @cached_property
-    def columns(self) -> Field:
-        """(n * n * T, columns) what the encoder sees, as in `ROOM_COLUMNS`."""
-        room = np.clip(self.room, -_ROOM_CLIP, _ROOM_CLIP)
-        point = np.broadcast_to(np.clip(self.workspace, -_ROOM_CLIP, _ROOM_CLIP)[..., None], room.shape)
-        stacked = np.stack([room, np.roll(room, 1, 2), np.roll(room, -1, 2), point], axis=-1)
-        return stacked.reshape(-1, len(ROOM_COLUMNS))
-
-
-@dataclass(frozen=True, eq=False)
-class CostField:
-    """A field over the poses of a grid, for one goal.
-
-    Attributes:
-        frame: Where the cells lie, and the goal.
-        values: (n, n, T) float32 cost-to-go (length), negated where a pose seems blocked.
-        room: (n, n, T) float32 room of the robot in cells.
-    """
-
-    frame: FloatArray
-    values: Field
-    room: Field
-
-    def cost_to_go(self, q: FloatArray) -> FloatArray:
-        """(m,) the field at configurations (m, d)."""
-        return fields.look_up(np.ascontiguousarray(q, np.float64), self.values, self.frame)
-
-
-class FieldModel:
+class FieldModel(WaveModel):
     """A field network as numpy arrays, for inference.
 
     Args:
         architecture: Its sizes.
         tensors: Its tensors, named as in `FieldArchitecture.shapes`.
-        corrected: Whether the decoder corrects the wave; without, the wave alone is the field.
+        corrected: Whether the decoder corrects the wave; without, the wave alone is the field. A decoder that
+            has not been trained is left out in any case: its last layer is zero.
     """
 
     def __init__(
         self, architecture: FieldArchitecture, tensors: dict[str, NDArray[Any]], *, corrected: bool = True
     ) -> None:
+        super().__init__(architecture.cells, architecture.headings, architecture.blocked)
         self.architecture = architecture
-        self.corrected = corrected
+        self.plans = architecture.planning
         self._tensors = {name: _as_matrix(tensor) for name, tensor in tensors.items()}
+        self._corrects = corrected and any(self._tensors[f"head.{part}"].any() for part in ("weight", "bias"))
 
-    def free(self, grid: Grid) -> Field:
-        """(n, n, T) logit of each pose being free."""
-        hidden = np.maximum(
-            grid.columns @ self._tensors["encoder.0.weight"] + self._tensors["encoder.0.bias"], 0
-        )
+    def free(self, grid: PoseGrid) -> Field:
+        """(n, n, T) logit of each pose being free, by the encoder."""
+        hidden = encoder_columns(grid) @ self._tensors["encoder.0.weight"] + self._tensors["encoder.0.bias"]
+        np.maximum(hidden, 0, out=hidden)
         logits = hidden @ self._tensors["encoder.1.weight"] + self._tensors["encoder.1.bias"]
         return np.asarray(logits.reshape(grid.room.shape))
 
-    def arrival(self, grid: Grid, frame: FloatArray) -> tuple[Field, NDArray[np.bool_]]:
+    def arrival(
+        self, grid: PoseGrid, frame: FloatArray, effort: Field | None = None
+    ) -> tuple[Field, NDArray[np.bool_]]:
         """(n, n, T) when the wave from the goal arrives, and which poses seem free."""
-        logits = self.free(grid)
-        if not self.architecture.planning:
-            return fields.goal_distances(logits.shape[0], logits.shape[2], frame), logits > 0
-        # 1 / p: as often as one would have to try.
-        slowness = np.minimum(1 + np.exp(np.minimum(-logits, 30)), self.architecture.blocked)
-        return fields.wave(slowness.astype(np.float32), grid.room, frame), logits > 0
+        if self.plans:
+            return super().arrival(grid, frame, effort)
+        n, _, turns = grid.room.shape
+        return fields.goal_distances(n, turns, frame), self.free(grid) > 0
 
-    def evaluate(self, grid: Grid, goal: FloatArray) -> CostField:
-        """The cost-to-go field for a goal."""
-        frame = grid.towards(goal)
-        arrival, free = self.arrival(grid, frame)
-        values = arrival
-        if self.corrected:
-            values = arrival + np.float32(grid.side) * self.correction(decoder_input(grid, frame, arrival))
-        values = np.maximum(values, np.float32(1e-6))
-        return CostField(frame, np.where(free, values, -np.maximum(arrival, 1e-6)), grid.room)
+    def corrected(self, grid: PoseGrid, frame: FloatArray, arrival: Field) -> Field:
+        """(n, n, T) cost-to-go from the arrival, by the decoder."""
+        if not self._corrects:
+            return arrival
+        return np.asarray(
+            arrival + np.float32(grid.side) * self.correction(decoder_input(grid, frame, arrival))
+        )
 
     def correction(self, layers: Field) -> Field:
         """(n, n, T) what the decoder adds, in sides of the square, from `decoder_input`.
@@ -314,16 +197,16 @@ class FieldModel:
         return np.asarray(np.maximum(out + self._tensors[f"{name}.bias"], 0).reshape(n, n, -1))
 
 
-def decoder_input(grid: Grid, frame: FloatArray, arrival: Field) -> Field:
+def decoder_input(grid: PoseGrid, frame: FloatArray, arrival: Field) -> Field:
     """(n, n, layers * T + 1) what the decoder sees, as in `LAYERS`."""
     n, _, turns = arrival.shape
     side = np.float32(grid.side)
     straight = fields.goal_distances(n, turns, frame)
     layers = (
-        np.clip(grid.room, -_ROOM_CLIP, _ROOM_CLIP) / _ROOM_CLIP,
+        np.clip(grid.room, LEAST, CLIP) / CLIP,
         np.minimum((arrival - straight) / side, _DETOUR_CLIP),
         np.minimum(arrival / side, _DETOUR_CLIP),
-        np.clip(grid.workspace, -_ROOM_CLIP, _ROOM_CLIP)[..., None] / _ROOM_CLIP,
+        np.clip(grid.workspace, LEAST, CLIP)[..., None] / CLIP,
     )
     return np.concatenate(layers, axis=-1).astype(np.float32)
 

@@ -21,12 +21,13 @@ from torch.nn import functional
 
 from guided_gym.agents import field as field_module
 from guided_gym.agents import networks, weights
-from guided_gym.agents.field import CostField, FieldArchitecture, FieldModel, decoder_input
+from guided_gym.agents.field import FieldArchitecture, FieldModel, decoder_input, encoder_columns
 from guided_gym.agents.learned import LearnedAgent, LearnedGuidance
 from guided_gym.agents.scorer import ScorerArchitecture, ScorerColumn, ScorerModel
 from guided_gym.envs.catalogue import make_distribution
 from guided_gym.errors import InvalidInputError
 from guided_gym.kernels import fields
+from guided_gym.pose_grid import CostField
 from guided_gym.search import Search, SearchResult, guided_search, streams
 from guided_gym.train.checkpoints import RunFolder
 from guided_gym.train.lessons import SHARD, Lesson, lessons, mixed_problem
@@ -248,7 +249,9 @@ class _Run:
     def _train_encoder(self) -> None:
         """Which poses of the grid are valid: logistic regression on what the encoder sees of each."""
         config = self.config
-        x = torch.from_numpy(np.concatenate([lesson.grid.columns[lesson.places] for lesson in self.lessons]))
+        x = torch.from_numpy(
+            np.concatenate([encoder_columns(lesson.grid)[lesson.places] for lesson in self.lessons])
+        )
         y = torch.from_numpy(np.concatenate([lesson.labels for lesson in self.lessons]).astype(np.float32))
         plain = field_module.plain_tensors(self.architecture)
         networks.load_field(self.encoder, self.decoder, {**plain, **_random_decoder(self.decoder)})
@@ -449,7 +452,7 @@ class _Example:
         signed = np.where(free, self.arrival, -self.arrival)
         places, shares = fields.corners(lesson.poses, signed, lesson.frame)
         spoken = shares.sum(axis=1) > 0
-        field = CostField(lesson.frame, signed, lesson.grid.room)
+        field = CostField(lesson.frame, signed)
         base = field.cost_to_go(lesson.poses) if len(lesson.poses) else np.zeros(0)
         self.turns = lesson.grid.room.shape[2]
         if self.turns == 1:

@@ -10,10 +10,11 @@ from typing import Any, Final
 import numpy as np
 from numpy.typing import NDArray
 
-from guided_gym.agents.field import FieldArchitecture, Grid
+from guided_gym.agents.field import FieldArchitecture
 from guided_gym.errors import InvalidInputError
 from guided_gym.kernels import fields
 from guided_gym.oracle import oracle_for
+from guided_gym.pose_grid import PoseGrid
 from guided_gym.problems import Problem, ProblemDistribution
 from guided_gym.splits import in_split
 from guided_gym.train.checkpoints import RunFolder
@@ -21,7 +22,9 @@ from guided_gym.train.checkpoints import RunFolder
 SHARD: Final = 16  # problems in a file: a few seconds' work
 _LABELS: Final = 1024  # poses of the grid whose validity the encoder learns from, of each problem
 _NEAR: Final = 1.5  # cells of room within which half of them lie
-_ARRAYS: Final = ("room", "workspace", "frame", "poses", "costs", "places", "labels")
+_ARRAYS: Final = (
+    "room", "workspace", "distances", "body", "frame", "poses", "costs", "places", "labels",
+)  # fmt: skip
 
 
 @dataclass(frozen=True, eq=False)
@@ -37,7 +40,7 @@ class Lesson:
         labels: (k,) uint8, whether they are valid.
     """
 
-    grid: Grid
+    grid: PoseGrid
     frame: NDArray[np.float64]
     poses: NDArray[np.float64]
     costs: NDArray[np.float32]
@@ -49,7 +52,7 @@ class Lesson:
         cls, problem: Problem, architecture: FieldArchitecture, poses: int, rng: np.random.Generator
     ) -> Lesson:
         """Ask the oracle about random poses of a problem."""
-        grid = Grid.of(problem.space, architecture)
+        grid = PoseGrid.of(problem.space, architecture.cells, architecture.headings)
         oracle = oracle_for(problem.space, problem.task.goal, start=problem.task.start)
         q = problem.space.sample(rng, 4 * poses)
         q = q[np.asarray(problem.space.valid(q))]
@@ -74,6 +77,8 @@ class Lesson:
         values = (
             self.grid.room.astype(np.float16),
             self.grid.workspace.astype(np.float16),
+            self.grid.distances.astype(np.float16),
+            self.grid.body,
             self.frame,
             self.poses,
             self.costs,
@@ -84,14 +89,15 @@ class Lesson:
 
     @classmethod
     def from_arrays(cls, arrays: dict[str, NDArray[Any]]) -> Lesson:
-        """The lesson that `arrays` was taken from, its room rounded to half precision."""
-        room, workspace, frame, *rest = (arrays[name] for name in _ARRAYS)
+        """The lesson that `arrays` was taken from, its rooms rounded to half precision."""
+        room, workspace, distances, body, frame, *rest = (arrays[name] for name in _ARRAYS)
         side = float(frame[fields.CELL] * len(room))
-        grid = Grid(frame, side, room.astype(np.float32), workspace.astype(np.float32))
+        room, workspace, distances = (half.astype(np.float32) for half in (room, workspace, distances))
+        grid = PoseGrid(frame, side, room, workspace, distances, body)
         return cls(grid, frame, *rest)
 
 
-def _configurations(grid: Grid, places: NDArray[Any], dimension: int) -> NDArray[np.float64]:
+def _configurations(grid: PoseGrid, places: NDArray[Any], dimension: int) -> NDArray[np.float64]:
     n, _, turns = grid.room.shape
     rows, columns, headings = np.unravel_index(places, (n, n, turns))
     x = grid.frame[fields.ORIGIN_X] + columns * grid.frame[fields.CELL]

@@ -18,6 +18,7 @@ from guided_gym.guidance.experience import PathDatabase
 from guided_gym.guidance.hybrid import Hybrid, SwapAtCollision
 from guided_gym.guidance.robot_modification import MedialAxis
 from guided_gym.guidance.search_space import GoalDistance, OracleGuidance, Uninformed, Voronoi
+from guided_gym.guidance.wavefront import Wavefront
 
 # One row per guiding space: a new one joins here, or by `register_guidance`.
 _GUIDANCE: dict[str, type[GuidingSpace]] = {
@@ -31,6 +32,7 @@ _GUIDANCE: dict[str, type[GuidingSpace]] = {
         LazyPRM,
         MedialAxis,
         PathDatabase,
+        Wavefront,
         Hybrid,
     )
 }
@@ -154,6 +156,7 @@ __all__ = [
     "SwapAtCollision",
     "Uninformed",
     "Voronoi",
+    "Wavefront",
     "guidance_class",
     "guidance_names",
     "make_expander",

@@ -16,6 +16,7 @@ from numba import njit
 
 FloatArray = npt.NDArray[np.float64]
 Field = npt.NDArray[np.float32]
+IntArray = npt.NDArray[np.int64]
 
 ORIGIN_X: Final = 0  # centre of the cell in row 0 and column 0
 ORIGIN_Y: Final = 1
@@ -24,13 +25,69 @@ WEIGHT: Final = 3  # length per radian; 0 for a robot that cannot turn
 GOAL: Final = 4  # three entries: x, y, theta
 FRAME: Final = 7
 
-_MARGIN = 3  # robot radii of room beyond which the outline does not matter
+FINE: Final = 4  # samples of the distance along a cell's side
+CLIP: Final = 2.0  # cells of room; more is as good
+LEAST: Final = -2.0  # cells of room; less is as bad
+_BLOCK = 8  # cells along a side whose near edges are looked for together
 _FREE = 2.0  # slowness up to which a pose counts as free
 
 
 @njit(cache=True)
-def signed_distances(edges: FloatArray, bounds: FloatArray, frame: FloatArray, n: int) -> FloatArray:
-    """Distance of the cells' centres to the nearest obstacle or bound, negative inside or outside: (n, n).
+def _edge_distance(edges: FloatArray, e: int, x: float, y: float) -> float:
+    x0, y0 = edges[e, 0], edges[e, 1]
+    dx, dy = edges[e, 2] - x0, edges[e, 3] - y0
+    t = (x - x0) * dx + (y - y0) * dy
+    square = dx * dx + dy * dy
+    t = 0.0 if t <= 0.0 else (1.0 if t >= square else t / square)
+    return math.sqrt((x0 + t * dx - x) ** 2 + (y0 + t * dy - y) ** 2)
+
+
+@njit(cache=True)
+def _signs(edges: FloatArray, frame: FloatArray, n: int) -> Field:
+    """-1 inside the obstacles and 1 outside at each sample: (n * FINE, n * FINE), line by line."""
+    m, step = n * FINE, frame[CELL] / FINE
+    left = frame[ORIGIN_X] - frame[CELL] / 2 + step / 2
+    low = frame[ORIGIN_Y] - frame[CELL] / 2 + step / 2
+    out = np.ones((m, m), dtype=np.float32)
+    turns = np.zeros(m + 1, dtype=np.bool_)
+    for r in range(m):
+        y = low + r * step
+        turns[:] = False
+        for e in range(edges.shape[0]):
+            y0, y1 = edges[e, 1], edges[e, 3]
+            if (y0 > y) != (y1 > y):
+                x = edges[e, 0] + (y - y0) * (edges[e, 2] - edges[e, 0]) / (y1 - y0)
+                c = int(min(max(math.ceil((x - left) / step), 0.0), m))  # samples left of it
+                turns[c] = not turns[c]
+        inside = False
+        for c in range(m - 1, -1, -1):
+            inside = inside != turns[c + 1]
+            if inside:
+                out[r, c] = -1.0
+    return out
+
+
+@njit(cache=True)
+def _near(
+    edges: FloatArray, some: IntArray, x: float, y: float, half: float, out: IntArray, room: FloatArray
+) -> int:
+    """Which of some edges can be the nearest of a point within ``half`` of (x, y); their count."""
+    best, count = np.inf, 0
+    for i in range(some.size):
+        room[i] = _edge_distance(edges, some[i], x, y)
+        best = min(best, room[i])
+    for i in range(some.size):
+        if room[i] <= best + 2.0 * half:
+            out[count] = some[i]
+            count += 1
+    return count
+
+
+@njit(cache=True)
+def signed_distances(edges: FloatArray, bounds: FloatArray, frame: FloatArray, n: int) -> Field:
+    """Distance to the nearest obstacle or bound, in cells, negative inside or outside: (n * FINE, n * FINE).
+
+    Each cell has FINE x FINE samples, at the middles of its equal parts.
 
     Args:
         edges: (e, 4) edges x0, y0, x1, y1 of the obstacles' union, in any order.
@@ -38,78 +95,132 @@ def signed_distances(edges: FloatArray, bounds: FloatArray, frame: FloatArray, n
         frame: Where the cells lie.
         n: Cells along each side.
     """
-    out = np.empty((n, n))
-    for r in range(n):
-        y = frame[ORIGIN_Y] + r * frame[CELL]
-        for c in range(n):
-            x = frame[ORIGIN_X] + c * frame[CELL]
-            best, inside = np.inf, False
-            for e in range(edges.shape[0]):
-                x0, y0, x1, y1 = edges[e, 0], edges[e, 1], edges[e, 2], edges[e, 3]
-                dx, dy = x1 - x0, y1 - y0
-                t = (x - x0) * dx + (y - y0) * dy
-                square = dx * dx + dy * dy
-                t = 0.0 if t <= 0.0 else (1.0 if t >= square else t / square)
-                ex, ey = x0 + t * dx - x, y0 + t * dy - y
-                best = min(best, ex * ex + ey * ey)
-                if (y0 > y) != (y1 > y) and x < x0 + (y - y0) * dx / dy:
-                    inside = not inside
-            distance = -math.sqrt(best) if inside else math.sqrt(best)
-            room = min(x - bounds[0], bounds[2] - x, y - bounds[1], bounds[3] - y)
-            out[r, c] = min(distance, room)
+    cell = frame[CELL]
+    out = _signs(edges, frame, n)
+    count = edges.shape[0]
+    every, block, few = np.arange(count), np.empty(count, np.int64), np.empty(count, np.int64)
+    room = np.empty(count)
+    for r0 in range(0, n, _BLOCK):
+        for c0 in range(0, n, _BLOCK):
+            x, y = frame[ORIGIN_X] + (c0 - 0.5) * cell, frame[ORIGIN_Y] + (r0 - 0.5) * cell
+            wide = _BLOCK * cell
+            half = math.sqrt(0.5) * wide
+            near = block[: _near(edges, every, x + wide / 2, y + wide / 2, half, block, room)]
+            for r in range(r0, min(r0 + _BLOCK, n)):
+                for c in range(c0, min(c0 + _BLOCK, n)):
+                    _sample_cell(edges, bounds, frame, r, c, near, few, room, out)
     return out
 
 
 @njit(cache=True)
-def _bilinear(grid: FloatArray, gx: float, gy: float) -> float:
-    """Value between the cells' centres; beyond them, the value at the rim less the distance in cells."""
-    n = grid.shape[0]
-    x, y = min(max(gx, 0.0), n - 1.001), min(max(gy, 0.0), n - 1.001)
-    i, j = int(x), int(y)
-    fx, fy = x - i, y - j
-    low = grid[j, i] + fx * (grid[j, i + 1] - grid[j, i])
-    high = grid[j + 1, i] + fx * (grid[j + 1, i + 1] - grid[j + 1, i])
-    return low + fy * (high - low) - abs(gx - x) - abs(gy - y)
+def _sample_cell(
+    edges: FloatArray,
+    bounds: FloatArray,
+    frame: FloatArray,
+    r: int,
+    c: int,
+    near: IntArray,
+    few: IntArray,
+    room: FloatArray,
+    out: Field,
+) -> None:
+    """Turn the signs of one cell's samples into signed distances, by the edges near it."""
+    cell = frame[CELL]
+    x, y = frame[ORIGIN_X] + c * cell, frame[ORIGIN_Y] + r * cell
+    count = _near(edges, near, x, y, math.sqrt(0.5) * cell, few, room)
+    for a in range(FINE):
+        yy = y + ((a + 0.5) / FINE - 0.5) * cell
+        for b in range(FINE):
+            xx = x + ((b + 0.5) / FINE - 0.5) * cell
+            least = np.inf
+            for i in range(count):
+                least = min(least, _edge_distance(edges, few[i], xx, yy))
+            spare = min(xx - bounds[0], bounds[2] - xx, yy - bounds[1], bounds[3] - yy)
+            least *= out[r * FINE + a, c * FINE + b]
+            out[r * FINE + a, c * FINE + b] = min(least, spare) / cell
 
 
 @njit(cache=True)
-def robot_clearances(
-    distances: FloatArray, body: FloatArray, radius: float, cell: float, turns: int
-) -> Field:
-    """Room of the robot at each pose, in cells, as far as the grid of distances tells: (n, n, turns).
+def _room(
+    distances: Field, gx: float, gy: float, cos: float, sin: float, body: FloatArray, enough: float
+) -> float:
+    """Least distance less radius over the discs of a body at (gx, gy), all in cells; ends at ``enough``."""
+    m = distances.shape[0]
+    least = np.inf
+    for p in range(body.shape[0]):
+        x = (gx + cos * body[p, 0] - sin * body[p, 1] + 0.5) * FINE - 0.5
+        y = (gy + sin * body[p, 0] + cos * body[p, 1] + 0.5) * FINE - 0.5
+        cx, cy = min(max(x, 0.0), m - 1.001), min(max(y, 0.0), m - 1.001)
+        i, j = int(cx), int(cy)
+        fx, fy = cx - i, cy - j
+        low = distances[j, i] + fx * (distances[j, i + 1] - distances[j, i])
+        high = distances[j + 1, i] + fx * (distances[j + 1, i + 1] - distances[j + 1, i])
+        # Beyond the samples, the value at the rim less the way to it.
+        value = low + fy * (high - low) - (abs(x - cx) + abs(y - cy)) / FINE - body[p, 2]
+        if value < least:
+            least = value
+            if least <= enough:
+                break
+    return least
 
-    The least distance less radius over the discs of the body; negative where it overlaps. Far from obstacles
-    a lower bound.
+
+@njit(cache=True)
+def _padded(distances: Field, pad: int) -> Field:
+    """The samples with a border: beyond them, the value at the rim less the way to it in cells."""
+    m = distances.shape[0]
+    out = np.empty((m + 2 * pad, m + 2 * pad), dtype=np.float32)
+    for r in range(m + 2 * pad):
+        j = min(max(r - pad, 0), m - 1)
+        for c in range(m + 2 * pad):
+            i = min(max(c - pad, 0), m - 1)
+            out[r, c] = distances[j, i] - (abs(r - pad - j) + abs(c - pad - i)) / FINE
+    return out
+
+
+@njit(cache=True)
+def robot_clearances(distances: Field, body: FloatArray, radius: float, turns: int) -> Field:
+    """Room of the robot at each pose, in cells, as far as the samples tell: (n, n, turns).
+
+    The least distance less radius over the discs of the body; negative where it overlaps. Exact, but for the
+    samples' resolution, between `LEAST` and `CLIP`; beyond them a bound.
 
     Args:
-        distances: (n, n) what `signed_distances` gives.
-        body: (k, 3) discs x, y, radius in the body frame that fill the robot.
-        radius: Circumradius of the robot.
-        cell: Side of a cell.
+        distances: (n * FINE, n * FINE) what `signed_distances` gives.
+        body: (k, 3) discs x, y, radius in the body frame that fill the robot, in cells.
+        radius: Circumradius of the robot, in cells.
         turns: Headings T.
     """
-    n, k = distances.shape[0], body.shape[0]
-    scaled = distances / cell
-    discs = body / cell
-    turned = np.empty((turns, k, 2))
+    n, k = distances.shape[0] // FINE, body.shape[0]
+    pad = int(radius * FINE) + 3
+    samples = _padded(distances, pad)
+    wide = samples.shape[1]
+    flat = samples.ravel()
+    # A disc lies at the same place between samples in every cell, so the shares are worked out only once.
+    places, shares = np.empty((turns, k), np.int64), np.empty((turns, k, 2), np.float32)
     for t in range(turns):
         cos, sin = math.cos(2.0 * math.pi * t / turns), math.sin(2.0 * math.pi * t / turns)
         for p in range(k):
-            turned[t, p, 0] = cos * discs[p, 0] - sin * discs[p, 1]
-            turned[t, p, 1] = sin * discs[p, 0] + cos * discs[p, 1]
+            x = (cos * body[p, 0] - sin * body[p, 1] + 0.5) * FINE - 0.5 + pad
+            y = (sin * body[p, 0] + cos * body[p, 1] + 0.5) * FINE - 0.5 + pad
+            places[t, p] = int(y) * wide + int(x)
+            shares[t, p, 0], shares[t, p, 1] = x - int(x), y - int(y)
     out = np.empty((n, n, turns), dtype=np.float32)
-    reach = radius / cell
     for r in range(n):
         for c in range(n):
-            room = scaled[r, c]
-            if room > _MARGIN * reach + 1.0 or room < -reach - 1.0:
-                out[r, c, :] = room - reach if room > 0 else room
+            middle = distances[r * FINE + FINE // 2, c * FINE + FINE // 2]
+            if middle - radius > CLIP or middle + radius < LEAST:
+                out[r, c, :] = middle - radius if middle > 0.0 else middle
                 continue
             for t in range(turns):
-                least = np.inf
+                least = np.float32(np.inf)
                 for p in range(k):
-                    value = _bilinear(scaled, c + turned[t, p, 0], r + turned[t, p, 1]) - discs[p, 2]
-                    least = min(least, value)
+                    v = places[t, p] + (r * wide + c) * FINE
+                    low = flat[v] + shares[t, p, 0] * (flat[v + 1] - flat[v])
+                    v += wide
+                    high = flat[v] + shares[t, p, 0] * (flat[v + 1] - flat[v])
+                    least = min(least, low + shares[t, p, 1] * (high - low) - np.float32(body[p, 2]))
+                    if least <= LEAST:
+                        break
                 out[r, c, t] = least
     return out
 
@@ -208,55 +319,60 @@ def goal_distances(n: int, turns: int, frame: FloatArray) -> Field:
 
 
 @njit(cache=True)
-def _seeds(u: Field, room: Field, frame: FloatArray) -> None:
-    """Write the distance to the goal at the poses near it that nothing can lie in between.
+def poses_near_goal(
+    shape: tuple[int, int, int], frame: FloatArray, reach: int
+) -> tuple[IntArray, FloatArray]:
+    """Flat places (m,) of the poses at most ``reach`` cells around the goal, and the poses (m, 3).
 
-    Such a pose has at least as much room as the goal is far. If there is none, the best of the nearest.
+    Of the headings, the two beside the goal's.
     """
-    n, turns = u.shape[0], u.shape[2]
-    gx, gy = (frame[GOAL] - frame[ORIGIN_X]) / frame[CELL], (frame[GOAL + 1] - frame[ORIGIN_Y]) / frame[CELL]
-    gk = math.floor(frame[GOAL + 2] * turns / (2.0 * math.pi)) if turns > 1 else 0
-    i, j = math.floor(gx), math.floor(gy)
-    best, best_r, best_c, best_k = -np.inf, 0, 0, 0
-    for r in range(max(j - 2, 0), min(j + 4, n)):
-        for c in range(max(i - 2, 0), min(i + 4, n)):
-            for turned in range(2 if turns > 1 else 1):
-                k = (gk + turned) % turns
-                spare = room[r, c, k] - math.sqrt((c - gx) ** 2 + (r - gy) ** 2)
-                if spare >= 0.0:
-                    x, y = frame[ORIGIN_X] + c * frame[CELL], frame[ORIGIN_Y] + r * frame[CELL]
-                    u[r, c, k] = goal_distance(x, y, 2.0 * math.pi * k / turns, frame)
-                if spare > best:
-                    best, best_r, best_c, best_k = spare, r, c, k
-    if best < 0.0:
-        x, y = frame[ORIGIN_X] + best_c * frame[CELL], frame[ORIGIN_Y] + best_r * frame[CELL]
-        u[best_r, best_c, best_k] = goal_distance(x, y, 2.0 * math.pi * best_k / turns, frame)
+    n, turns = shape[0], shape[2]
+    i = math.floor((frame[GOAL] - frame[ORIGIN_X]) / frame[CELL])
+    j = math.floor((frame[GOAL + 1] - frame[ORIGIN_Y]) / frame[CELL])
+    k = math.floor(frame[GOAL + 2] * turns / (2.0 * math.pi)) if turns > 1 else 0
+    sides = 2 if turns > 1 else 1
+    places, poses = (
+        np.empty(4 * (reach + 1) ** 2 * sides, np.int64),
+        np.empty((4 * (reach + 1) ** 2 * sides, 3)),
+    )
+    count = 0
+    for r in range(max(j - reach, 0), min(j + reach + 2, n)):
+        for c in range(max(i - reach, 0), min(i + reach + 2, n)):
+            for side in range(sides):
+                t = (k + side) % turns
+                places[count] = (r * n + c) * turns + t
+                poses[count, 0] = frame[ORIGIN_X] + c * frame[CELL]
+                poses[count, 1] = frame[ORIGIN_Y] + r * frame[CELL]
+                poses[count, 2] = 2.0 * math.pi * t / turns if turns > 1 else frame[GOAL + 2]
+                count += 1
+    return places[:count], poses[:count]
 
 
 @njit(cache=True)
-def wave(slowness: Field, room: Field, frame: FloatArray) -> Field:
+def wave(slowness: Field, places: IntArray, values: FloatArray, frame: FloatArray) -> Field:
     """Solve |grad u| = slowness outwards from the goal by fast marching: (n, n, T) float32.
 
     Ends when it has reached every pose of slowness 2 or less; what it has not reached by then comes last.
 
     Args:
         slowness: (n, n, T) at least 1; more where a pose seems blocked.
-        room: (n, n, T) what `robot_clearances` gives: it says where the wave may begin.
-        frame: Where the cells lie, the weight of a turn, and the goal.
+        places: (m,) flat places of the poses where the wave begins.
+        values: (m,) how far they are from the goal.
+        frame: Where the cells lie, and the weight of a turn.
     """
     n, turns = slowness.shape[0], slowness.shape[2]
     flat = frame[CELL]
     turn = max(frame[WEIGHT] * 2.0 * math.pi / turns, 1e-9)
     u = np.full(slowness.shape, np.float32(np.inf))
-    _seeds(u, room, frame)
+    for i in range(places.size):
+        u.reshape(-1)[places[i]] = values[i]
     known = np.zeros(slowness.shape, dtype=np.bool_)
     sides = 6 if turns > 1 else 4
     space = slowness.size * (sides + 1)
     keys, items, size = np.empty(space, dtype=np.float32), np.empty(space, dtype=np.int32), 0
-    for v, seed in enumerate(u.flat):
-        if seed < np.inf:
-            _push(keys, items, size, seed, v)
-            size += 1
+    for i in range(places.size):
+        _push(keys, items, size, np.float32(values[i]), places[i])
+        size += 1
     left, last = 0, 0.0
     for item in slowness.flat:
         left += 1 if item <= _FREE else 0
@@ -356,26 +472,21 @@ def corners(
 
 
 @njit(cache=True)
-def room_at(q: FloatArray, room: Field, frame: FloatArray) -> float:
-    """`robot_clearances` between its poses, in cells."""
-    n, turns = room.shape[0], room.shape[2]
-    j, i, k, fy, fx, ft = _cell(q, n, turns, frame)
-    value = 0.0
-    for corner in range(8 if turns > 1 else 4):
-        a, b, c = corner & 1, corner >> 1 & 1, corner >> 2
-        share = (fx if a else 1.0 - fx) * (fy if b else 1.0 - fy) * (ft if c else 1.0 - ft)
-        value += share * room[j + b, i + a, (k + c) % turns]
-    return value
-
-
-@njit(cache=True)
 def least_room(
-    q: FloatArray, candidates: FloatArray, room: Field, frame: FloatArray, parts: int
+    q: FloatArray, candidates: FloatArray, distances: Field, body: FloatArray, frame: FloatArray, parts: int
 ) -> FloatArray:
-    """(m,) least room, in cells, at ``parts`` poses along the motions from q to candidates (m, d)."""
+    """(m,) least room, in cells, at ``parts`` poses along the motions from q to candidates (m, d).
+
+    Args:
+        q: (d,) where the motions begin; not looked at itself.
+        candidates: (m, d) where they end.
+        distances: (n * FINE, n * FINE) what `signed_distances` gives.
+        body: (k, 3) discs that fill the robot, in cells.
+        frame: Where the cells lie.
+        parts: How many poses.
+    """
     d = q.size
     out = np.empty(candidates.shape[0])
-    pose = np.empty(d)
     for m in range(candidates.shape[0]):
         least = np.inf
         turn = 0.0
@@ -384,13 +495,70 @@ def least_room(
             turn = 2.0 * math.pi * (turn - math.floor(turn + 0.5))
         for p in range(1, parts + 1):
             t = p / parts
-            pose[0] = q[0] + t * (candidates[m, 0] - q[0])
-            pose[1] = q[1] + t * (candidates[m, 1] - q[1])
-            if d > 2:
-                pose[2] = q[2] + t * turn
-            least = min(least, room_at(pose, room, frame))
+            gx = (q[0] + t * (candidates[m, 0] - q[0]) - frame[ORIGIN_X]) / frame[CELL]
+            gy = (q[1] + t * (candidates[m, 1] - q[1]) - frame[ORIGIN_Y]) / frame[CELL]
+            theta = q[2] + t * turn if d > 2 else 0.0
+            least = min(least, _room(distances, gx, gy, math.cos(theta), math.sin(theta), body, LEAST))
         out[m] = least
     return out
+
+
+@njit(cache=True)
+def blocked_on_way(q: FloatArray, field: Field, frame: FloatArray) -> int:
+    """Poses that seem blocked on the field's way from q (d,) to the goal, the one beside q left out.
+
+    From the best corner around q that seems free, always on to the neighbour of least cost-to-go.
+
+    Args:
+        q: Where the way begins.
+        field: (n, n, T) cost-to-go, negated where a pose seems blocked.
+        frame: Where the cells lie.
+    """
+    n, turns = field.shape[0], field.shape[2]
+    j, i, k, _, _, _ = _cell(q, n, turns, frame)
+    r, c, t, best = j, i, k, np.inf
+    for corner in range(8 if turns > 1 else 4):
+        a, b, h = j + (corner & 1), i + (corner >> 1 & 1), (k + (corner >> 2)) % turns
+        if 0.0 <= field[a, b, h] < best:
+            r, c, t, best = a, b, h, field[a, b, h]
+    blocked = 0
+    while True:
+        best, rr, cc, tt = abs(field[r, c, t]), r, c, t
+        for side in range(6 if turns > 1 else 4):
+            a, b, h = r, c, t
+            if side < 2:
+                b += 2 * side - 1
+            elif side < 4:
+                a += 2 * side - 5
+            else:
+                h = (t + 2 * side - 9) % turns
+            if 0 <= a < n and 0 <= b < n and abs(field[a, b, h]) < best:
+                best, rr, cc, tt = abs(field[a, b, h]), a, b, h
+        if rr == r and cc == c and tt == t:
+            return blocked
+        r, c, t = rr, cc, tt
+        blocked += 1 if field[r, c, t] < 0.0 else 0
+
+
+@njit(cache=True)
+def add_effort(effort: Field, points: FloatArray, frame: FloatArray, reach: float, gain: float) -> None:
+    """Add gain exp(-(distance / reach)^2) at the poses around points (p, d), to (n, n, T), in place."""
+    n, turns = effort.shape[0], effort.shape[2]
+    cell, weight = frame[CELL], frame[WEIGHT]
+    wide = int(3.0 * reach / cell) + 1
+    for m in range(points.shape[0]):
+        gx, gy = (points[m, 0] - frame[ORIGIN_X]) / cell, (points[m, 1] - frame[ORIGIN_Y]) / cell
+        for r in range(max(int(gy) - wide, 0), min(int(gy) + wide + 2, n)):
+            for c in range(max(int(gx) - wide, 0), min(int(gx) + wide + 2, n)):
+                flat = ((c - gx) * cell) ** 2 + ((r - gy) * cell) ** 2
+                for t in range(turns):
+                    square = flat
+                    if turns > 1:
+                        turn = t / turns - points[m, 2] / (2.0 * math.pi)
+                        turn = weight * 2.0 * math.pi * (turn - math.floor(turn + 0.5))
+                        square += turn * turn
+                    if square < 9.0 * reach * reach:
+                        effort[r, c, t] += gain * math.exp(-square / (reach * reach))
 
 
 @njit(cache=True)

@@ -1,0 +1,229 @@
+"""Wavefront guidance: S = C on a coarse grid of poses, h how long a wave from the goal takes to a pose."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, ClassVar, Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from guided_gym.checks import integer, number
+from guided_gym.efficiency import TargetParameters
+from guided_gym.errors import InvalidInputError
+from guided_gym.guidance.base import GuidingSpace, draw
+from guided_gym.kernels import fields
+from guided_gym.pose_grid import Field, WaveModel
+
+if TYPE_CHECKING:
+    from guided_gym.search import Expansion
+    from guided_gym.tree import SearchTree
+
+_ENOUGH_ROOM: Final = 0.2  # cells; a motion with less is worth less
+_TIGHT: Final = 8.0  # steps that a motion without room is worth less, at most
+_MOST_CANDIDATES: Final = 2048
+_CONTACT_REACH: Final = 0.5  # steps around a contact that count as known to be bad
+_CROWD: Final = 6.0  # nodes within that reach that are no crowd yet, the node itself included
+_AGAIN: Final = 3.0  # failures that each child of a node after its first counts as
+_FAILURE, _CONTACT = 1.0, 0.3  # nats that log(1 + failures) and log(1 + contacts) take
+_NEVER: Final = 1e6  # steps; stands for "the field sees no way"
+_CLIP: Final = 4.0  # of remaining way and of detour, in optima
+_PROGRESS: Final = 0.25  # steps by which the way left must fall to count as progress
+_VAIN_REACH: Final = 2.0  # cells around an expansion in vain that become slower
+_VAIN_GAIN: Final = 10.0  # times slower, for each
+
+
+class Wavefront(GuidingSpace):
+    """Search-space guidance by a raster: h is when a wave from the goal arrives, slow where there is no room.
+
+    The wave runs over a grid of poses, once per problem; nodes and candidates are looked up. P is what the
+    target distribution would be, were the field the true distance. Where a search makes no progress, the
+    poses that it has tried become slower and the wave runs again. No pose or motion is checked for collision.
+
+    Args:
+        cells: Cells along each side of the raster, divisible by 8.
+        headings: Headings of the grid, for a robot that can turn; divisible by 4.
+        temperature: 0 selects the largest logit; 1 draws from the softmax of the logits.
+        failure_penalty: Nats that each failed expansion of a node takes from its logit; each child after the
+            first takes more, and a crowd of nodes around it some, so that nothing is tried in vain forever.
+        candidates: Members of N_C(v) that a proposal looks at; more of them in a crowd.
+        patience: Expansions in a row without progress after which the wave runs again.
+
+    Raises:
+        InvalidInputError: An option that is out of range.
+    """
+
+    name: ClassVar[str] = "wavefront"
+
+    def __init__(
+        self,
+        *,
+        cells: int = 56,
+        headings: int = 16,
+        temperature: float = 0.0,
+        failure_penalty: float = 0.3,
+        candidates: int = 256,
+        patience: int = 12,
+    ) -> None:
+        for name, value, part in (("cells", cells, 8), ("headings", headings, 4)):
+            if integer(name, value, least=part) % part:
+                raise InvalidInputError(f"{name}: expected a multiple of {part}, got {value!r}")
+        self._begin(WaveModel(cells, headings), temperature, failure_penalty, candidates, patience)
+
+    def _begin(
+        self,
+        model: WaveModel,
+        temperature: float,
+        failure_penalty: float,
+        candidates: int,
+        patience: int,
+    ) -> None:
+        super().__init__(temperature=temperature, expansion_penalty=0.0)
+        self.model = model
+        self.failure_penalty = number("failure_penalty", failure_penalty, least=0)
+        self.candidates = integer("candidates", candidates, least=1)
+        self.patience = integer("patience", patience, least=1)
+
+    def prepare(self) -> None:
+        """Run the wave, once per problem."""
+        self._grid, self._field = self.model.solve(self.search.problem)
+        self._effort: Field | None = None
+        self._reach = _CONTACT_REACH * self.planner.step
+        self._weight = float(self._grid.frame[fields.WEIGHT])
+        self._nodes = np.zeros((256, 3))  # way left, contacts around, nodes around
+        self._seen = self._contacts = 0
+        self._nearest = np.inf
+        self._vain: list[NDArray[np.float64]] = []
+
+    def project(self, tree: SearchTree, q: NDArray[np.float64]) -> NDArray[np.float64]:
+        """(m, 2) the field at configurations (length) and how crowded known contacts are around them."""
+        q = np.ascontiguousarray(q)
+        contacts = tree._contacts[: tree.failure_count]
+        crowding = fields.crowding(q, contacts, self._reach, self._weight)
+        return np.column_stack([self._way_left(q), crowding])
+
+    def heuristic(self, states: NDArray[np.float64]) -> NDArray[np.float64]:
+        """The field, and a step for each contact at hand."""
+        return np.asarray(states[:, 0] + self.planner.step * states[:, 1])
+
+    def logits(self, tree: SearchTree) -> NDArray[np.float64]:
+        """(n,) log of P up to a constant: the target's, were the field the truth, less `penalties`."""
+        self._update(tree)
+        remaining, contacts, _ = self._nodes[: len(tree)].T
+        optimum = self._optimum()
+        left = np.minimum(remaining / optimum, _CLIP)
+        detour = np.clip((tree._costs[: len(tree)] + remaining) / optimum - 1.0, 0.0, _CLIP)
+        failed = np.log1p(tree._failures[: len(tree)])
+        target = TargetParameters()
+        scores = -(left / target.tau + detour / target.delta)
+        scores -= _FAILURE * failed + _CONTACT * np.log1p(contacts)
+        return np.asarray(scores - self.penalties(tree))
+
+    def penalties(self, tree: SearchTree) -> NDArray[np.float64]:
+        """(n,) what is taken from the logit of each node, so that nothing is tried in vain forever."""
+        self._update(tree)
+        crowd = np.log1p(np.maximum(self._nodes[: len(tree), 2] - _CROWD, 0.0))
+        again = _AGAIN * np.maximum(tree._children[: len(tree)] - 1, 0)
+        return np.asarray(self.failure_penalty * (tree._failures[: len(tree)] + again + crowd))
+
+    def values(self, tree: SearchTree) -> NDArray[np.float64]:
+        """(n,) h of each node: how far its logit lies below the largest, in nats."""
+        logits = self.logits(tree)
+        return np.asarray(logits.max() - logits)
+
+    def distribution(self, tree: SearchTree) -> NDArray[np.float64]:
+        """(n,) the distribution P over the nodes from which `select` draws."""
+        h = self.values(tree)
+        if self.temperature == 0:
+            p = np.zeros(h.size)
+            p[int(np.argmin(h))] = 1.0
+            return p
+        p = np.exp(-h / self.temperature)
+        return np.asarray(p / p.sum())
+
+    def select(self, tree: SearchTree) -> int:
+        """The node of the largest logit, or a draw from P if there is a temperature."""
+        if self.temperature == 0:
+            return int(np.argmax(self.logits(tree)))
+        return draw(self.distribution(tree), self.rng)
+
+    def propose(self, tree: SearchTree, node: int) -> NDArray[np.float64]:
+        """(d,) x_new: the candidate with the shortest way on, shy of what has no room."""
+        self._update(tree)
+        q, step = tree._configurations[node], self.planner.step
+        crowd = max(self._nodes[node, 2] - _CROWD, 0.0)
+        candidates = self.planner.candidates(
+            q, min(int(self.candidates * (1 + crowd)), max(_MOST_CANDIDATES, self.candidates))
+        )
+        lengths = np.asarray(self.space.distance(candidates, q))
+        states = self.project(tree, candidates)
+        # No free motion brings the goal nearer than by its length: what seems to lies behind a wall.
+        states[:, 0] = np.maximum(states[:, 0], self._nodes[node, 0] - lengths)
+        room = self._grid.least_room(q, candidates)
+        tight = np.clip((_ENOUGH_ROOM - room) / _ENOUGH_ROOM, 0.0, _TIGHT)
+        tight /= 1 + tree._children[node]  # what was safe has not helped: dare more
+        return np.asarray(candidates[int(np.argmin(self.heuristic(states) + 0.5 * lengths + step * tight))])
+
+    def feedback(self, expansion: Expansion) -> None:
+        """Count what was in vain; after so much of it in a row, have the wave avoid it."""
+        tree = self.search.tree
+        self._update(tree)
+        if not expansion.failed and self._progress(float(self._nodes[expansion.child, 0])):
+            return
+        self._vain.append(expansion.target if expansion.contact is None else expansion.contact)
+        if len(self._vain) >= self.patience and self.model.plans:
+            self._run_again(tree)
+
+    def _progress(self, left: float) -> bool:
+        """Whether that way left is shorter than any before."""
+        if left > self._nearest - _PROGRESS * self.planner.step:
+            return False
+        self._nearest = left
+        self._vain.clear()
+        return True
+
+    def _run_again(self, tree: SearchTree) -> None:
+        """Slow down the poses around what was in vain, run the wave, and look the nodes up again."""
+        if self._effort is None:
+            self._effort = np.ones(self._grid.room.shape, np.float32)
+        reach = _VAIN_REACH * float(self._grid.frame[fields.CELL])
+        fields.add_effort(self._effort, np.array(self._vain), self._grid.frame, reach, _VAIN_GAIN)
+        self._field = self.model.evaluate(self._grid, self.goal, self._effort)
+        self._vain.clear()
+        self._nodes[: self._seen, 0] = self._way_left(tree._configurations[: self._seen])
+        self._tie(tree, 0, self._seen)
+        self._nearest = float(self._nodes[: self._seen, 0].min())
+
+    def _way_left(self, q: NDArray[np.float64]) -> NDArray[np.float64]:
+        return np.asarray(np.minimum(self._field.cost_to_go(q), _NEVER * self.planner.step))
+
+    def _optimum(self) -> float:
+        """The way left at the root (length), as far as it is of any use as a unit."""
+        return float(min(max(self._nodes[0, 0], 1e-9), _CLIP * self._grid.side))
+
+    def _update(self, tree: SearchTree) -> None:
+        """Take in the nodes and contacts that are new."""
+        n, failed = len(tree), tree.failure_count
+        if failed > self._contacts and self._seen:
+            fresh = tree._contacts[self._contacts : failed]
+            old = tree._configurations[: self._seen]
+            self._nodes[: self._seen, 1] += fields.crowding(old, fresh, self._reach, self._weight)
+        self._contacts = failed
+        if n > len(self._nodes):
+            self._nodes = np.concatenate([self._nodes, np.zeros((n, 3))])
+        if n > self._seen:
+            first, self._seen = self._seen, n
+            q, old = tree._configurations[first:n], tree._configurations[:first]
+            self._nodes[first:n, :2] = self.project(tree, q)
+            self._nodes[:first, 2] += fields.crowding(old, q, self._reach, self._weight)
+            self._nodes[first:n, 2] = fields.crowding(q, tree._configurations[:n], self._reach, self._weight)
+            self._tie(tree, first, n)
+
+    def _tie(self, tree: SearchTree, first: int, last: int) -> None:
+        """The edge to the parent is free, so the way left is no longer than it and the parent's."""
+        parents = tree._parents[:last]
+        start = max(first, 1)
+        edges = self.space.distance(
+            tree._configurations[start:last], tree._configurations[parents[start:last]]
+        )
+        for i, edge in zip(range(start, last), np.atleast_1d(edges).tolist(), strict=True):
+            self._nodes[i, 0] = min(self._nodes[i, 0], self._nodes[parents[i], 0] + edge)
