@@ -8,8 +8,9 @@ import shapely
 
 torch = pytest.importorskip("torch")
 
-from guided_gym.agents.field import FieldArchitecture, FieldModel, Grid, decoder_input, plain_tensors  # noqa: E402
+from guided_gym.agents.field import FieldArchitecture, FieldModel, decoder_input, plain_tensors  # noqa: E402
 from guided_gym.environment import Environment  # noqa: E402
+from guided_gym.pose_grid import PoseGrid  # noqa: E402
 from guided_gym.problems import Problem, Task  # noqa: E402
 from guided_gym.robots import Robot  # noqa: E402
 from guided_gym.train.symmetries import SYMMETRIES, Symmetry, turned, turned_back  # noqa: E402
@@ -40,7 +41,7 @@ def layers(symmetry: Symmetry) -> torch.Tensor:
     environment = Environment.from_polygons((0, 0, 1, 1), [moved(ring, symmetry, 0.5) for ring in RINGS])
     task = Task(pose(START, symmetry), pose(GOAL, symmetry))
     problem = Problem(Robot(shapely.LineString(body)), environment, task)
-    grid = Grid.of(problem.space, ARCHITECTURE)
+    grid = PoseGrid.of(problem.space, ARCHITECTURE.cells, ARCHITECTURE.headings)
     frame = grid.towards(problem.task.goal)
     arrival, _ = FieldModel(ARCHITECTURE, plain_tensors(ARCHITECTURE)).arrival(grid, frame)
     return torch.from_numpy(decoder_input(grid, frame, arrival).transpose(2, 0, 1).copy())[None]

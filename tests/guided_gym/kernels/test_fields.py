@@ -6,12 +6,13 @@ import math
 
 import numpy as np
 import pytest
+import shapely
 
-from guided_gym.environment import Environment
 from guided_gym.kernels import fields
+from guided_gym.kernels.fields import FINE
 
 N = 32
-ROOMY = np.full((N, N, 1), 9.0, np.float32)
+UNIT = np.array([0.0, 0.0, 1.0, 1.0])
 
 
 def frame_of(side: float = 1.0, n: int = N, weight: float = 0.0, goal: tuple[float, ...] = (0.5, 0.5, 0.0)):
@@ -19,45 +20,119 @@ def frame_of(side: float = 1.0, n: int = N, weight: float = 0.0, goal: tuple[flo
     return np.array([cell / 2, cell / 2, cell, weight, *goal])
 
 
+def waved(slowness: np.ndarray, frame: np.ndarray) -> np.ndarray:
+    """A wave from the poses around the goal, as if nothing were in between."""
+    places, poses = fields.poses_near_goal(slowness.shape, frame, 2)
+    values = np.array([fields.goal_distance(*pose, frame) for pose in poses])
+    return fields.wave(slowness.astype(np.float32), places, values, frame)
+
+
 def square(x0: float, y0: float, x1: float, y1: float) -> np.ndarray:
     return np.array([[x0, y0, x1, y0], [x1, y0, x1, y1], [x1, y1, x0, y1], [x0, y1, x0, y0]])
 
 
-def test_signed_distances__outside_agree_with_the_environment() -> None:
-    environment = Environment.from_polygons((0, 0, 1, 1), [[(0.4, 0.4), (0.6, 0.4), (0.6, 0.6), (0.4, 0.6)]])
-    frame = frame_of()
-    found = fields.signed_distances(square(0.4, 0.4, 0.6, 0.6), np.array([0.0, 0.0, 1.0, 1.0]), frame, N)
-    centres = frame[0] + frame[2] * np.arange(N)
-    points = np.stack(np.meshgrid(centres, centres), axis=-1)
-    clearance = environment.clearance(points)
-    assert np.allclose(np.maximum(found, 0), clearance, atol=1e-9)
-    assert found[N // 2, N // 2] == pytest.approx(-0.1 + frame[2] / 2)
+def random_obstacles(rng: np.random.Generator) -> shapely.MultiPolygon:
+    """The union of rings with holes, slivers and triangles, some of which overlap or stick out."""
+    parts = []
+    for _ in range(5):
+        middle = shapely.Point(rng.uniform(0, 1, 2))
+        parts.append(middle.buffer(rng.uniform(0.1, 0.25), quad_segs=3) - middle.buffer(0.08, quad_segs=2))
+        parts.append(shapely.Polygon(rng.uniform(-0.1, 1.1, 2) + rng.uniform(-0.15, 0.15, (3, 2))))
+    x, y = rng.uniform(0, 1, 2)
+    parts.append(shapely.box(x, y, x + 0.3, y + 0.004))
+    union = shapely.union_all(parts)
+    return union if isinstance(union, shapely.MultiPolygon) else shapely.MultiPolygon([union])
+
+
+def edges_of(rng: np.random.Generator, obstacles: shapely.MultiPolygon) -> np.ndarray:
+    """Their edges, in no order."""
+    rings = [ring for p in obstacles.geoms for ring in (p.exterior, *p.interiors)]
+    corners = [shapely.get_coordinates(ring) for ring in rings]
+    edges = np.concatenate([np.hstack([part[:-1], part[1:]]) for part in corners])
+    return np.ascontiguousarray(rng.permutation(edges))
+
+
+def test_signed_distances__by_hand() -> None:
+    found = fields.signed_distances(square(0.4, 0.4, 0.6, 0.6), UNIT, frame_of(), N)
+    assert found.shape == (FINE * N, FINE * N)
+    sample = 0.5 / FINE  # of a cell, from the middle of the square or the rim of the bounds
+    assert found[FINE * N // 2, FINE * N // 2] == pytest.approx(-0.1 * N + sample)
+    assert found[0, FINE * N // 2] == pytest.approx(sample)
+    assert found[FINE * N // 2, FINE * N // 4] == pytest.approx((0.4 - 0.25) * N - sample, rel=1e-5)
+
+
+@pytest.mark.parametrize("seed", range(6))
+def test_signed_distances__agree_with_shapely(seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    obstacles = random_obstacles(rng)
+    n = 24
+    frame = np.array([-0.2, 0.1, 1.5 / n, 0, 0, 0, 0])  # reaches beyond the bounds on two sides
+    found = fields.signed_distances(edges_of(rng, obstacles), UNIT, frame, n).astype(np.float64) * frame[2]
+    offsets = ((np.arange(n * FINE) + 0.5) / FINE - 0.5) * frame[2]
+    x, y = np.meshgrid(frame[0] + offsets, frame[1] + offsets)
+    points = shapely.points(x, y)
+    inside = shapely.contains_properly(obstacles, points)
+    distance = np.where(inside, -1, 1) * shapely.distance(obstacles.boundary, points)
+    spare = np.minimum(np.minimum(x, 1 - x), np.minimum(y, 1 - y))
+    assert inside.any()
+    assert np.allclose(found, np.minimum(distance, spare), atol=1e-6)
+
+
+def test_signed_distances__without_obstacles_are_those_to_the_bounds() -> None:
+    found = fields.signed_distances(np.zeros((0, 4)), UNIT, frame_of(), N)
+    assert found.max() == pytest.approx(N / 2 - 0.5 / FINE)
+    assert (found > 0).all()
 
 
 def test_robot_clearances__of_a_rod_depend_on_its_heading() -> None:
-    distances = fields.signed_distances(
-        np.concatenate([square(0.0, 0.0, 1.0, 0.4), square(0.0, 0.6, 1.0, 1.0)]),
-        np.array([0.0, 0.0, 1.0, 1.0]),
-        frame_of(),
-        N,
-    )
-    rod = np.array([[x, 0.0, 0.0] for x in np.linspace(-0.2, 0.2, 9)])
-    room = fields.robot_clearances(distances, rod, 0.2, 1 / N, 8)
+    walls = np.concatenate([square(0.0, 0.0, 1.0, 0.4), square(0.0, 0.6, 1.0, 1.0)])
+    distances = fields.signed_distances(walls, UNIT, frame_of(), N)
+    rod = np.array([[x, 0.0, 0.0] for x in np.linspace(-0.07, 0.07, 9) * N])
+    room = fields.robot_clearances(distances, rod, 0.07 * N, 8)
+    assert room.shape == (N, N, 8)
     along, across = room[N // 2, N // 2, 0], room[N // 2, N // 2, 2]
-    assert along == pytest.approx((0.1 - 0.5 / N) * N, abs=0.1)
-    assert across == pytest.approx((-0.1 - 0.5 / N) * N, abs=0.1)
+    assert along == pytest.approx(fields.CLIP, abs=1.0)  # (0.1 - 0.5 / N) * N, more than the clip
+    assert along >= fields.CLIP
+    assert across == pytest.approx((0.03 - 0.5 / N) * N, abs=0.1)
 
 
 def test_robot_clearances__outside_the_grid_is_no_room() -> None:
-    distances = fields.signed_distances(np.zeros((0, 4)), np.array([0.0, 0.0, 1.0, 1.0]), frame_of(), N)
-    rod = np.array([[-0.3, 0.0, 0.0], [0.0, 0.0, 0.0], [0.3, 0.0, 0.0]])
-    room = fields.robot_clearances(distances, rod, 0.3, 1 / N, 4)
+    distances = fields.signed_distances(np.zeros((0, 4)), UNIT, frame_of(), N)
+    rod = np.array([[-0.3, 0.0, 0.0], [0.0, 0.0, 0.0], [0.3, 0.0, 0.0]]) * N
+    room = fields.robot_clearances(distances, rod, 0.3 * N, 4)
     assert room[N // 2, 2, 0] < 0 < room[N // 2, 2, 1]
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_robot_clearances__are_the_room_at_each_pose_of_the_grid(seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    distances = fields.signed_distances(edges_of(rng, random_obstacles(rng)), UNIT, frame_of(), N)
+    body = np.column_stack([rng.uniform(-2.5, 2.5, (12, 2)), rng.uniform(0, 0.7, 12)])
+    radius = float(np.max(np.hypot(body[:, 0], body[:, 1]) + body[:, 2]))
+    turns = 8
+    found = fields.robot_clearances(distances, body, radius, turns)
+    for r, c, t in rng.integers((N, N, turns), size=(4000, 3)):
+        theta = 2 * math.pi * t / turns
+        room = fields._room(distances, float(c), float(r), math.cos(theta), math.sin(theta), body, -np.inf)
+        if fields.LEAST < found[r, c, t] < fields.CLIP:
+            assert found[r, c, t] == pytest.approx(room, abs=0.005)  # float32 shares
+        elif found[r, c, t] <= fields.LEAST:
+            assert room <= fields.LEAST + 0.005
+        else:
+            assert room >= fields.CLIP - math.sqrt(0.5) / FINE  # looked up at the sample beside the centre
+
+
+def test_robot_clearances__of_a_fork_astride_a_post() -> None:
+    """The reference point lies deep in the post, and the body does not."""
+    distances = fields.signed_distances(square(0.4, 0.4, 0.6, 0.6), UNIT, frame_of(), N)
+    prongs = np.array([[x, y, 0.0] for x in (-5.0, 5.0) for y in np.linspace(-4, 4, 9)])
+    room = fields.robot_clearances(distances, prongs, 6.5, 4)
+    assert room[N // 2, N // 2, 0] == pytest.approx(5 - 0.1 * N, abs=0.6)
 
 
 def test_wave__in_the_open_is_the_distance() -> None:
     frame = frame_of()
-    found = fields.wave(np.ones((N, N, 1), np.float32), ROOMY, frame)
+    found = waved(np.ones((N, N, 1)), frame)
     exact = fields.goal_distances(N, 1, frame)
     assert np.abs(found - exact).max() < 0.03
     assert (found >= exact - 1e-6).all()
@@ -66,25 +141,38 @@ def test_wave__in_the_open_is_the_distance() -> None:
 def test_wave__goes_round_a_wall_and_is_slow_through_it() -> None:
     slowness = np.ones((N, N, 1), np.float32)
     slowness[:24, 15:17] = 100.0
-    found = fields.wave(slowness, ROOMY, frame_of(goal=(0.8, 0.1, 0.0)))[..., 0]
+    found = waved(slowness, frame_of(goal=(0.8, 0.1, 0.0)))[..., 0]
     around = math.hypot(0.3, 0.65) + math.hypot(0.3, 0.65)
     assert found[3, 6] == pytest.approx(around, rel=0.1)
 
 
-def test_wave__does_not_begin_behind_a_thin_wall() -> None:
-    frame = frame_of(goal=(0.52, 0.5, 0.0))
-    wall = square(0.49, 0.0, 0.51, 0.9)
-    distances = fields.signed_distances(wall, np.array([0.0, 0.0, 1.0, 1.0]), frame, N)
-    room = (distances * N).astype(np.float32)[..., None]
-    slowness = np.where(np.abs(np.arange(N) - 15) < 1, 100.0, 1.0)[None, :, None] * np.ones((N, N, 1))
-    slowness[29:] = 1.0
-    found = fields.wave(slowness.astype(np.float32), room, frame)[..., 0]
-    assert found[16, 12] > 0.8
+def test_wave__begins_where_it_is_told() -> None:
+    places, frame = np.array([3 * N + 5, 30 * N + 30]), frame_of()
+    found = fields.wave(np.ones((N, N, 1), np.float32), places, np.array([2.0, 2.5]), frame)[..., 0]
+    assert found[3, 5] == found.min() == 2.0
+    assert found[30, 30] == 2.5
+    assert found[3, 15] == pytest.approx(2.0 + 10 / N)
+    assert found[30, 20] == pytest.approx(2.5 + 10 / N)
+
+
+def test_poses_near_goal__are_the_cells_around_it_and_the_headings_beside() -> None:
+    frame = frame_of(weight=0.1, goal=(0.5, 0.02, -0.1))
+    places, poses = fields.poses_near_goal((N, N, 8), frame, 2)
+    rows, columns, headings = np.unravel_index(places, (N, N, 8))
+    assert len(set(places.tolist())) == len(places) == len(poses)
+    assert sorted(set(rows)) == [0, 1, 2, 3]  # there are none below
+    assert sorted(set(columns)) == list(range(13, 19))
+    assert sorted(set(headings)) == [0, 7]
+    expected = np.column_stack([(columns + 0.5) / N, (rows + 0.5) / N, 2 * math.pi * headings / 8])
+    assert poses == pytest.approx(expected)
+    places, poses = fields.poses_near_goal((N, N, 1), frame, 0)
+    assert places.tolist() == [0 * N + 15, 0 * N + 16, 1 * N + 15, 1 * N + 16]
+    assert (poses[:, 2] == frame[fields.GOAL + 2]).all()
 
 
 def test_wave__turns_the_short_way_round() -> None:
     frame = frame_of(weight=0.1, goal=(0.5, 0.5, math.pi - 0.01))
-    found = fields.wave(np.ones((N, N, 16), np.float32), np.full((N, N, 16), 9.0, np.float32), frame)
+    found = waved(np.ones((N, N, 16)), frame)
     before, after = found[N // 2, N // 2, 7], found[N // 2, N // 2, 9]
     assert before == pytest.approx(after, abs=0.02)
     assert found[N // 2, N // 2, 0] == pytest.approx(0.1 * math.pi, rel=0.15)
@@ -112,11 +200,93 @@ def test_look_up__is_periodic_in_the_heading() -> None:
 
 
 def test_least_room__sees_what_lies_on_the_way() -> None:
-    room = np.full((N, N, 1), 5.0, np.float32)
-    room[:, 15:17] = -3.0
-    q, frame = np.array([0.3, 0.5]), frame_of()
-    across, along = fields.least_room(q, np.array([[0.7, 0.5], [0.3, 0.9]]), room, frame, 8)
-    assert across < 0 < along
+    distances = fields.signed_distances(square(0.48, 0.0, 0.52, 1.0), UNIT, frame_of(), N)
+    q, disc = np.array([0.3, 0.5]), np.array([[0.0, 0.0, 0.5]])
+    ends = np.array([[0.7, 0.5], [0.3, 0.9], [0.45, 0.5]])
+    across, along, up_to = fields.least_room(q, ends, distances, disc, frame_of(), 8)
+    assert across == pytest.approx(-0.02 * N - 0.5, abs=0.3)
+    assert along == pytest.approx(0.1 * N - 0.5, abs=0.1)
+    assert up_to == pytest.approx(0.03 * N - 0.5, abs=0.1)
+
+
+def test_least_room__turns_the_short_way_round() -> None:
+    distances = fields.signed_distances(square(0.0, 0.0, 0.35, 1.0), UNIT, frame_of(), N)
+    arm = np.array(
+        [[x, 0.0, 0.0] for x in np.linspace(0.0, 0.2, 9) * N]
+    )  # hits the wall where it points left
+    frame = frame_of(weight=0.1)
+    by_pi, by_zero = (
+        fields.least_room(np.array([0.5, 0.5, a]), np.array([[0.5, 0.5, b]]), distances, arm, frame, 8)[0]
+        for a, b in ((2.0, -2.0), (1.0, -1.0))
+    )
+    assert by_pi == pytest.approx(-0.05 * N, abs=0.1)
+    assert by_zero == pytest.approx(0.15 * N, abs=0.1)
+
+
+def walled_field(gap: slice, turns: int = 1) -> np.ndarray:
+    """The way to the right end of a grid, blocked in column 15 but for a gap in it."""
+    free = np.ones((N, N, turns), bool)
+    free[:, 15] = False
+    free[gap, 15] = True
+    arrival = waved(np.where(free, 1.0, 300.0), frame_of(goal=(0.9, 0.5, 0.0)))
+    return np.where(free, arrival, -arrival)
+
+
+@pytest.mark.parametrize("turns", [1, 8])
+def test_blocked_on_way__counts_what_a_wall_blocks(turns: int) -> None:
+    q, frame = np.array([0.1, 0.5, 1.0])[: 2 if turns == 1 else 3], frame_of(weight=0.1)
+    assert fields.blocked_on_way(q, walled_field(slice(0, 0), turns), frame) == 1
+    assert fields.blocked_on_way(q, walled_field(slice(28, 31), turns), frame) == 0
+    behind = np.array([0.7, 0.5, 1.0])[: q.size]
+    assert fields.blocked_on_way(behind, walled_field(slice(0, 0), turns), frame) == 0
+
+
+def test_blocked_on_way__leaves_out_where_it_begins() -> None:
+    field = walled_field(slice(0, 0))
+    frame = frame_of()
+    between = np.array([frame[0] + 14.5 * frame[2], 0.5])
+    assert fields.blocked_on_way(between, -np.abs(field), frame) > 10  # all seems blocked
+    field[:, :14] *= -1  # blocked far to the left only
+    beside = np.array([frame[0] + 15.5 * frame[2], 0.5])  # among the wall and what is free behind it
+    assert fields.blocked_on_way(beside, field, frame) == 0
+
+
+def test_add_effort__is_the_gain_at_a_point_and_nothing_far_off() -> None:
+    frame = frame_of(weight=0.1)
+    point = np.array([[frame[0] + 10 * frame[2], frame[1] + 20 * frame[2], math.pi]])
+    effort = np.ones((N, N, 16), np.float32)
+    reach = 2 * frame[2]
+    fields.add_effort(effort, point, frame, reach, 10.0)
+    assert effort[20, 10, 8] == pytest.approx(11.0)
+    assert effort[20, 12, 8] == pytest.approx(1 + 10 / math.e)
+    assert effort[20, 8, 8] == pytest.approx(effort[18, 10, 8]) == pytest.approx(effort[20, 12, 8])
+    assert effort[20, 10, 8 + 2] == pytest.approx(1 + 10 * math.exp(-((0.1 * math.pi / 4 / reach) ** 2)))
+    rows, columns = np.nonzero((effort > 1).any(axis=-1))
+    assert np.hypot(rows - 20, columns - 10).max() < 6.0
+    assert (effort >= 1).all()
+
+
+def test_add_effort__is_periodic_in_the_heading_and_adds_up() -> None:
+    frame = frame_of(weight=0.1)
+    efforts = []
+    for theta in (-math.pi, math.pi):
+        effort = np.zeros((N, N, 8), np.float32)
+        fields.add_effort(effort, np.array([[0.5, 0.5, theta]] * 2), frame, 0.1, 1.0)
+        efforts.append(effort)
+    assert np.allclose(efforts[0], efforts[1])
+    assert np.allclose(efforts[0][..., 3], efforts[0][..., 5])
+    assert efforts[0][N // 2, N // 2, 4] == pytest.approx(2.0, rel=0.06)
+
+
+def test_add_effort__at_the_rim_and_for_a_robot_that_cannot_turn() -> None:
+    effort = np.ones((N, N, 1), np.float32)
+    fields.add_effort(effort, np.array([[0.0, 0.0], [1.0, 1.0], [7.0, -3.0]]), frame_of(), 0.05, 5.0)
+    assert (
+        effort[0, 0, 0]
+        == pytest.approx(effort[-1, -1, 0])
+        == pytest.approx(1 + 5 * math.exp(-2 * (0.5 / N / 0.05) ** 2))
+    )
+    assert effort[N // 2, N // 2, 0] == effort[0, -1, 0] == 1.0
 
 
 def test_crowding__is_one_at_a_point_and_nothing_far_off() -> None:
