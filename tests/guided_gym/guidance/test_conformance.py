@@ -34,6 +34,7 @@ SPACES: dict[str, dict] = {
     "lazy_prm": {"vertices": 300},
     "medial_axis": {},
     "path_database": {},  # its paths come from `stored_paths`
+    "wavefront": {},
     "hybrid": {"guides": ["medial_axis", "goal_distance"]},
 }
 DRAWN_EXACTLY = [name for name in SPACES if name != "rrt"]  # RRT's P is an estimate

@@ -32,6 +32,7 @@ NAMES = [
     "lazy_prm",
     "medial_axis",
     "path_database",
+    "wavefront",
     "hybrid",
 ]
 
