@@ -23,6 +23,7 @@ from guided_gym.errors import UnknownNameError
 from guided_gym.guidance import wavefront
 from guided_gym.guidance.base import GuidingSpace
 from guided_gym.guidance.wavefront import Wavefront
+from guided_gym.kernels import fields
 
 if TYPE_CHECKING:
     from guided_gym.tree import SearchTree
@@ -210,7 +211,7 @@ def fingerprint(name: str) -> str:
     a_rule = weights.card_kind(folder) == rules.RULE_KIND
     card = rules.load_rule_card(folder) if a_rule else weights.load_card(folder)
     digest = hashlib.sha256(card["weights_sha256"].encode())
-    modules = (rules,) if a_rule else (sys.modules[__name__], field, scorer, wavefront, pose_grid)
+    modules = (rules,) if a_rule else (sys.modules[__name__], field, scorer, wavefront, pose_grid, fields)
     for module in modules:
         source = Path(str(module.__file__))
         digest.update(source.read_bytes() if source.is_file() else b"")

@@ -28,11 +28,12 @@ from guided_gym.envs.catalogue import make_distribution
 from guided_gym.errors import InvalidInputError
 from guided_gym.kernels import fields
 from guided_gym.pose_grid import CostField
-from guided_gym.search import Search, SearchResult, guided_search, streams
-from guided_gym.train.checkpoints import RunFolder
+from guided_gym.search import Search, streams
+from guided_gym.train.checkpoints import RunFolder, check_board
 from guided_gym.train.lessons import SHARD, Lesson, lessons, mixed_problem
 from guided_gym.train.specs import package_version
 from guided_gym.train.symmetries import SYMMETRIES, turned, turned_back
+from guided_gym.train.validation import rank, validated
 
 Tensors = dict[str, NDArray[Any]]
 Progress = Callable[[int, int, str], None]
@@ -142,7 +143,7 @@ def train_imitation(config: ImitationConfig, out: Path, progress: Progress | Non
         progress: Called with (steps done, steps in all, what is being done).
 
     Raises:
-        InvalidInputError: The device is not there.
+        InvalidInputError: The device or TensorBoard is not there.
         UnknownNameError: No such environment.
         StorageError: The folder holds another run, or a damaged file.
     """
@@ -156,6 +157,7 @@ class _Run:
     def __init__(self, config: ImitationConfig, out: Path, progress: Progress) -> None:
         self.config, self.progress = config, progress
         self.device = checked_device(config.device)
+        check_board(config.tensorboard)
         self.distributions = [make_distribution(name) for name in config.environments]
         self.architecture, self.scorer_architecture = config.field(), config.scorer()
         self.folder = RunFolder(out, config, "imitation")
@@ -405,28 +407,24 @@ class _Run:
         metrics = self._validate()
         self._note(f"validation after {stage}", **metrics)
         best = self.state["best"]
-        if best is None or _rank(metrics) < _rank(best):
+        if best is None or rank(metrics) < rank(best):
             self.state["best"] = {**metrics, "stage": stage}
             self.best = self._tensors()
 
     def _validate(self) -> dict[str, float]:
-        guidance = LearnedGuidance(self._agent())
-        results: list[SearchResult] = []
-        for i in range(self.config.validation):
-            problem = mixed_problem(self.distributions, "validation", i)
-            results.append(guided_search(problem, guidance, seed=i, max_samples=self.config.max_samples))
-        return {
-            "solved": float(np.mean([result.solved for result in results])),
-            "samples": float(np.mean([result.samples for result in results])),
-            "total_efficiency": float(np.mean([result.total_efficiency for result in results])),
-            "best_possible": float(np.mean([result.record.best.sum() for result in results])),
-        }
+        return validated(
+            self.distributions,
+            LearnedGuidance(self._agent()),
+            count=self.config.validation,
+            max_samples=self.config.max_samples,
+        )
 
     def _note(self, what: str, **values: float) -> None:
         self.state["history"].append({"what": what, **values})
         if self.writer is not None:
-            for name, value in values.items():
-                self.writer.add_scalar(f"{what.split()[0]}/{name}", value, len(self.state["history"]))
+            step = int(values.get("epoch", values.get("round", len(self.state["history"]))))
+            for name in values.keys() - {"epoch", "round"}:
+                self.writer.add_scalar(f"{what.split()[0]}/{name}", values[name], step)
 
     def _write_agent(self) -> dict[str, Any]:
         tensors = self.best or self._tensors()
@@ -484,10 +482,6 @@ class _Example:
         return (corrections - self.targets[chosen].to(device)) / self.scale[chosen].to(device)
 
 
-def _rank(metrics: dict[str, Any]) -> tuple[float, float]:
-    return -metrics["solved"], metrics["total_efficiency"]
-
-
 def _mixed(*numbers: int) -> int:
     """One seed of several numbers."""
     return int(np.random.SeedSequence(numbers).generate_state(1)[0])
@@ -528,15 +522,8 @@ def put_moments(optimizer: torch.optim.Optimizer, moments: Tensors) -> None:
 
 
 def _board(out: Path) -> Any:
-    """TensorBoard's writer.
+    from torch.utils.tensorboard import SummaryWriter
 
-    Raises:
-        InvalidInputError: TensorBoard is not installed.
-    """
-    try:
-        from torch.utils.tensorboard import SummaryWriter
-    except ImportError as error:
-        raise InvalidInputError(f"tensorboard: expected the package tensorboard: {error}") from error
     return SummaryWriter(str(out / "tensorboard"))  # type: ignore[no-untyped-call]
 
 

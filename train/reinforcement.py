@@ -27,10 +27,9 @@ from guided_gym.checks import integer, number
 from guided_gym.envs.catalogue import make_distribution
 from guided_gym.errors import InvalidInputError
 from guided_gym.guidance.base import GuidingSpace
-from guided_gym.search import guided_search
 from guided_gym.train.checkpoints import RunFolder, check_board
 from guided_gym.train.imitation import checked_device, moments_of, put_moments
-from guided_gym.train.lessons import mixed_problem
+from guided_gym.train.validation import rank, validated
 
 Tensors = dict[str, NDArray[Any]]
 Progress = Callable[[int, int, str], None]
@@ -182,9 +181,16 @@ class _Run:
                 "tensorboard_log": str(out / "tensorboard") if config.tensorboard else None,
             },
         )  # fmt: skip
-        self.state: dict[str, Any] = {"steps": 0, "validated": 0, "history": [], "best": None}
+        self.state: dict[str, Any] = {
+            "steps": 0, "seconds": 0.0, "validated": 0, "history": [], "best": None,
+        }  # fmt: skip
         self.best: Tensors = {}
         self._restore()
+        self._begun = time.monotonic() - self.state["seconds"]
+
+    def _elapsed(self) -> float:
+        """Seconds that the run has taken so far, interruptions left out."""
+        return time.monotonic() - self._begun
 
     def _copy(self, i: int) -> gymnasium.Env[Any, Any]:
         names, scale = self.config.environments, self.config.reward_scale
@@ -222,7 +228,7 @@ class _Run:
 
     def save(self) -> None:
         """Replace the checkpoint."""
-        self.state["steps"] = self.model.num_timesteps
+        self.state["steps"], self.state["seconds"] = self.model.num_timesteps, self._elapsed()
         policy = self.model.policy
         tensors = {f"now/{n}": t.detach().cpu().numpy() for n, t in policy.state_dict().items()}
         tensors.update({f"adam/{name}": t for name, t in moments_of(policy.optimizer).items()})
@@ -251,27 +257,15 @@ class _Run:
         """Search on the validation problems; keep these weights if they are the best so far."""
         config, tensors = self.config, self.trainee.export(self.model)
         guidance = self.trainee.guidance(tensors)
-        results = [
-            guided_search(
-                mixed_problem(self.distributions, "validation", i),
-                guidance,
-                seed=i,
-                max_samples=config.max_samples,
-            )
-            for i in range(config.validation)
-        ]
-        metrics = {
-            "steps": self.model.num_timesteps,
-            "solved": float(np.mean([result.solved for result in results])),
-            "samples": float(np.mean([result.samples for result in results])),
-            "total_efficiency": float(np.mean([result.total_efficiency for result in results])),
-            "best_possible": float(np.mean([result.record.best.sum() for result in results])),
-        }
+        metrics: dict[str, float] = {"steps": self.model.num_timesteps, "seconds": round(self._elapsed(), 1)}
+        metrics |= validated(
+            self.distributions, guidance, count=config.validation, max_samples=config.max_samples
+        )
         self.state["history"].append(metrics)
         self.state["validated"] = self.model.num_timesteps
         self._log(metrics)
         best = self.state["best"]
-        if best is None or _rank(metrics) < _rank(best):
+        if best is None or rank(metrics) < rank(best):
             self.state["best"], self.best = metrics, tensors
 
     def _log(self, metrics: dict[str, Any]) -> None:
@@ -315,7 +309,3 @@ class _Keeper(BaseCallback):
 def _falling(rate: float) -> Callable[[float], float]:
     """A learning rate by the share of the run that is left."""
     return lambda left: rate * max(left, 0.0)
-
-
-def _rank(metrics: dict[str, Any]) -> tuple[float, float]:
-    return -metrics["solved"], metrics["total_efficiency"]

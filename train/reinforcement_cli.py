@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
@@ -83,6 +84,27 @@ def ppo(env: Env = None, config: Config = None, out: Out = None, **given: Any) -
     _run("ppo", train_ppo, settings, out)
 
 
+@train_app.command("curves")
+def curves(
+    runs: Annotated[list[Path], typer.Argument(help="Folders of runs of train ppo or train hybrid.")],
+    against: Annotated[
+        str | None, typer.Option(help="Guidances to compare with, separated by commas.")
+    ] = None,
+    out: Annotated[Path, typer.Option(help="The figure: a .png, .pdf or .svg file.")] = Path("curves.png"),
+) -> None:
+    """Draw the learning curves of runs, beside other guidances on the same validation problems."""
+    from guided_gym.train.curves import learning_curves, read_runs, references
+    from guided_gym.train.specs import words
+    from guided_gym.train.style import save
+    from guided_gym.train.terminal import drawing_status
+
+    cards = read_runs(runs)
+    names = [] if against is None else words("against", against)
+    with drawing_status(shown=True) as say:
+        levels = references(cards[0], names, say)
+    print(f"figure: {save(learning_curves(cards, levels), out, formats=(out.suffix[1:],))[0]}")
+
+
 def _run(
     kind: str, train: Callable[..., dict[str, Any]], settings: ReinforcementConfig, out: Path | None
 ) -> None:
@@ -99,12 +121,13 @@ def _print_history(card: dict[str, Any], folder: Path) -> None:
 
     best = card["metrics"]["validation"]
     table = Table(title="Searches on validation problems", title_justify="left")
-    for name in ("steps", "solved", "samples", "total SE", "best possible", ""):
+    for name in ("steps", "seconds", "solved", "samples", "total SE", "best possible", ""):
         table.add_column(name, justify="right")
     for row in card["metrics"]["history"]:
         numbers = (row["samples"], row["total_efficiency"], row["best_possible"])
         kept = "kept" if row == best else ""
-        table.add_row(str(row["steps"]), f"{row['solved']:.3f}", *(f"{n:.2f}" for n in numbers), kept)
+        seconds, solved = f"{row.get('seconds', math.nan):.0f}", f"{row['solved']:.3f}"
+        table.add_row(str(row["steps"]), seconds, solved, *(f"{n:.2f}" for n in numbers), kept)
     Console(highlight=False).print(table)
     print(f"\nIn {folder / 'agent'}; try: guided-gym evaluate --guidance learned:{folder / 'agent'}")
 
