@@ -36,6 +36,7 @@ SHOWN = (
     ("lazy_prm", "Cup", 3, MAX_SAMPLES),
     ("medial_axis", "Trap", 3, MAX_SAMPLES),
     ("path_database", "RandomSimplePassage", 3, MAX_SAMPLES),
+    ("wavefront", "RandomClutter", 6, MAX_SAMPLES),
     ("hybrid", "TrapCup", 3, MAX_SAMPLES),
 )
 COMPARED = ("lazy_prm", "medial_axis", "hybrid")
@@ -61,10 +62,9 @@ def save(figure: Figure, name: str, dots_per_inch: int = DOTS_PER_INCH) -> None:
 
 
 def draw_problems() -> None:
-    """The catalogue in a row, and each problem by itself."""
-    problems = [make_distribution(name).problem(0) for name in distribution_names()]
-    save(figures.environments(problems), "environments")
-    for problem in problems:
+    """Each problem of the catalogue by itself."""
+    for name in distribution_names():
+        problem = make_distribution(name).problem(0)
         save(figures.environments([problem]), f"environment-{problem.name}")
 
 

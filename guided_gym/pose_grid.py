@@ -147,6 +147,13 @@ class PoseGrid:
         distances = [fields.goal_distance(x, y, theta, frame) for x, y, theta in poses[chosen].tolist()]
         return places[chosen], np.array(distances)
 
+    def best_motion(
+        self, q: FloatArray, candidates: FloatArray, scores: FloatArray, enough: float, penalty: float
+    ) -> int:
+        """The candidate of the least score; each ``enough`` cells of room that it lacks cost ``penalty``."""
+        raster = (self.distances, self.body, self.frame, _MOTION_PARTS)
+        return int(fields.best_motion(q, candidates, scores, *raster, enough, penalty))
+
     def least_room(self, q: FloatArray, candidates: FloatArray) -> FloatArray:
         """(m,) least room, in cells, along the motions from q to candidates (m, d)."""
         return fields.least_room(q, candidates, self.distances, self.body, self.frame, _MOTION_PARTS)

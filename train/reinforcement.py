@@ -190,7 +190,7 @@ class _Run:
 
     def _elapsed(self) -> float:
         """Seconds that the run has taken so far, interruptions left out."""
-        return time.monotonic() - self._begun
+        return float(time.monotonic() - self._begun)
 
     def _copy(self, i: int) -> gymnasium.Env[Any, Any]:
         names, scale = self.config.environments, self.config.reward_scale

@@ -75,11 +75,12 @@ _LOOKS: Final[dict[str, tuple[str, str, Any]]] = {
     "hybrid": ("Hybrid", "#CC79A7", "-"),
     "path_database": ("PathDatabase", "#E69F00", "-"),
     "prm": ("PRM", "#56B4E9", "-"),
+    "wavefront": ("Wavefront", "#882255", "-"),
     "oracle": ("Oracle", "#000000", (0, (4, 1.5))),
     "goal_distance": ("GoalDistance", "#666666", (0, (1, 1))),
     "uninformed": ("Uninformed", "#999999", (0, (3, 1, 1, 1))),
 }
-_SPARE: Final = ("#882255", "#44AA99", "#332288", "#999933", "#661100")
+_SPARE: Final = ("#AA4499", "#44AA99", "#332288", "#999933", "#661100")
 
 
 class Looks:

@@ -18,8 +18,7 @@ if TYPE_CHECKING:
     from guided_gym.search import Expansion
     from guided_gym.tree import SearchTree
 
-_ENOUGH_ROOM: Final = 0.2  # cells; a motion with less is worth less
-_TIGHT: Final = 8.0  # steps that a motion without room is worth less, at most
+_ENOUGH_ROOM: Final = 0.2  # cells; a motion is worth a step less for each that it lacks
 _MOST_CANDIDATES: Final = 2048
 _CONTACT_REACH: Final = 0.5  # steps around a contact that count as known to be bad
 _CROWD: Final = 6.0  # nodes within that reach that are no crowd yet, the node itself included
@@ -158,10 +157,10 @@ class Wavefront(GuidingSpace):
         states = self.project(tree, candidates)
         # No free motion brings the goal nearer than by its length: what seems to lies behind a wall.
         states[:, 0] = np.maximum(states[:, 0], self._nodes[node, 0] - lengths)
-        room = self._grid.least_room(q, candidates)
-        tight = np.clip((_ENOUGH_ROOM - room) / _ENOUGH_ROOM, 0.0, _TIGHT)
-        tight /= 1 + tree._children[node]  # what was safe has not helped: dare more
-        return np.asarray(candidates[int(np.argmin(self.heuristic(states) + 0.5 * lengths + step * tight))])
+        scores = self.heuristic(states) + 0.5 * lengths
+        penalty = step / (1 + tree._children[node])  # what was safe has not helped: dare more
+        best = self._grid.best_motion(q, candidates, scores, _ENOUGH_ROOM, penalty)
+        return np.asarray(candidates[best])
 
     def feedback(self, expansion: Expansion) -> None:
         """Count what was in vain; after so much of it in a row, have the wave avoid it."""

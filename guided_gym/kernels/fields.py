@@ -28,6 +28,8 @@ FRAME: Final = 7
 FINE: Final = 4  # samples of the distance along a cell's side
 CLIP: Final = 2.0  # cells of room; more is as good
 LEAST: Final = -2.0  # cells of room; less is as bad
+_UNTIDY = 0.25  # of the way between two poses: what a bucket of arrivals spans
+_MOST_BUCKETS = 1 << 15
 _BLOCK = 8  # cells along a side whose near edges are looked for together
 _FREE = 2.0  # slowness up to which a pose counts as free
 
@@ -226,57 +228,66 @@ def robot_clearances(distances: Field, body: FloatArray, radius: float, turns: i
 
 
 @njit(cache=True)
-def _push(keys: Field, items: npt.NDArray[np.int32], size: int, key: float, item: int) -> None:
-    i = size
-    while i > 0:
-        parent = (i - 1) >> 1
-        if keys[parent] <= key:
-            break
-        keys[i], items[i] = keys[parent], items[parent]
-        i = parent
-    keys[i], items[i] = key, item
+def free_logits(
+    room: Field, workspace: Field, first: Field, bias: Field, last: Field, offset: float
+) -> Field:
+    """Logit of each pose being free, by one hidden layer over four rooms: (n, n, T).
+
+    A pose's own room, those at the headings beside it, and that of a point there, clipped to `LEAST` and
+    `CLIP`.
+
+    Args:
+        room: (n, n, T) room of the robot.
+        workspace: (n, n) room of a point.
+        first: (4, h) weights of the hidden layer.
+        bias: (h,) its bias.
+        last: (h,) weights of the logit.
+        offset: Its bias.
+    """
+    n, turns, h = room.shape[0], room.shape[2], bias.size
+    out = np.empty(room.shape, dtype=np.float32)
+    line = np.empty(turns, dtype=np.float32)
+    for r in range(n):
+        for c in range(n):
+            point = min(max(workspace[r, c], LEAST), CLIP)
+            for k in range(turns):
+                line[k] = min(max(room[r, c, k], LEAST), CLIP)
+            for k in range(turns):
+                before, after = line[k - 1], line[k + 1 if k + 1 < turns else 0]
+                total = offset
+                for i in range(h):
+                    unit = bias[i] + line[k] * first[0, i] + before * first[1, i] + after * first[2, i]
+                    total += max(unit + point * first[3, i], 0.0) * last[i]
+                out[r, c, k] = total
+    return out
 
 
 @njit(cache=True)
-def _drop_first(keys: Field, items: npt.NDArray[np.int32], size: int) -> None:
-    """Remove the root of a heap of that size."""
-    last = size - 1
-    key, item = keys[last], items[last]
-    i = 0
-    while True:
-        child = 2 * i + 1
-        if child >= last:
-            break
-        if child + 1 < last and keys[child + 1] < keys[child]:
-            child += 1
-        if keys[child] >= key:
-            break
-        keys[i], items[i] = keys[child], items[child]
-        i = child
-    keys[i], items[i] = key, item
+def _beside(r: int, c: int, k: int, side: int, turns: int) -> tuple[int, int, int]:
+    """The neighbour of a pose: 0 and 1 in its row, 2 and 3 in its column, 4 and 5 by a turn."""
+    if side < 2:
+        return r, c + 2 * side - 1, k
+    if side < 4:
+        return r + 2 * side - 5, c, k
+    return r, c, (k + 2 * side - 9) % turns
 
 
 @njit(cache=True)
-def _solve(
-    known: npt.NDArray[np.bool_], u: Field, r: int, c: int, k: int, slowness: float, flat: float, turn: float
-) -> float:
-    """Upwind solution of |grad u| = slowness at one pose from its neighbours that are known."""
-    n, turns = u.shape[0], u.shape[2]
-    a0 = a1 = a2 = np.inf
-    if c > 0 and known[r, c - 1, k]:
-        a0 = u[r, c - 1, k]
-    if c < n - 1 and known[r, c + 1, k]:
-        a0 = min(a0, u[r, c + 1, k])
-    if r > 0 and known[r - 1, c, k]:
-        a1 = u[r - 1, c, k]
-    if r < n - 1 and known[r + 1, c, k]:
-        a1 = min(a1, u[r + 1, c, k])
+def _solve(known: Field, r: int, c: int, k: int, slowness: float, flat: float, turn: float) -> float:
+    """Upwind solution of |grad u| = slowness at one pose, from its neighbours: infinite where not known."""
+    n, turns = known.shape[0], known.shape[2]
+    a0 = a1 = a2 = np.float32(np.inf)
+    if c > 0:
+        a0 = known[r, c - 1, k]
+    if c < n - 1:
+        a0 = min(a0, known[r, c + 1, k])
+    if r > 0:
+        a1 = known[r - 1, c, k]
+    if r < n - 1:
+        a1 = min(a1, known[r + 1, c, k])
     if turns > 1:
         below, above = k - 1 if k > 0 else turns - 1, k + 1 if k < turns - 1 else 0
-        if known[r, c, below]:
-            a2 = u[r, c, below]
-        if known[r, c, above]:
-            a2 = min(a2, u[r, c, above])
+        a2 = min(known[r, c, below], known[r, c, above])
     w0 = w1 = 1.0 / (flat * flat)
     w2 = 1.0 / (turn * turn) if turns > 1 else 1.0
     # Ascending; three swaps sort three.
@@ -294,7 +305,7 @@ def _solve(
         if value > a2:
             a, b, q = a + w2, b + w2 * a2, q + w2 * a2 * a2
             value = (b + math.sqrt(max(b * b - a * q, 0.0))) / a
-    return value
+    return float(value)
 
 
 @njit(cache=True)
@@ -353,6 +364,8 @@ def wave(slowness: Field, places: IntArray, values: FloatArray, frame: FloatArra
     """Solve |grad u| = slowness outwards from the goal by fast marching: (n, n, T) float32.
 
     Ends when it has reached every pose of slowness 2 or less; what it has not reached by then comes last.
+    Poses wait in buckets of arrivals that are told apart no further (an untidy priority queue): a pose may be
+    taken before another that is nearer by less than a quarter of the way between two poses.
 
     Args:
         slowness: (n, n, T) at least 1; more where a pose seems blocked.
@@ -364,42 +377,56 @@ def wave(slowness: Field, places: IntArray, values: FloatArray, frame: FloatArra
     flat = frame[CELL]
     turn = max(frame[WEIGHT] * 2.0 * math.pi / turns, 1e-9)
     u = np.full(slowness.shape, np.float32(np.inf))
-    for i in range(places.size):
-        u.reshape(-1)[places[i]] = values[i]
-    known = np.zeros(slowness.shape, dtype=np.bool_)
+    known = u.copy()  # of the poses that have been taken; infinite at the others
     sides = 6 if turns > 1 else 4
-    space = slowness.size * (sides + 1)
-    keys, items, size = np.empty(space, dtype=np.float32), np.empty(space, dtype=np.int32), 0
-    for i in range(places.size):
-        _push(keys, items, size, np.float32(values[i]), places[i])
-        size += 1
-    left, last = 0, 0.0
+    width = _UNTIDY * (max(min(flat, turn), flat / 8.0) if turns > 1 else flat)
+    longest = slowness.max() * (max(flat, turn) if turns > 1 else flat)
+    buckets = min(int(longest / width) + 3, _MOST_BUCKETS)
+    first = np.full(buckets, -1, dtype=np.int32)  # of each bucket, a list
+    items = np.empty(slowness.size * (sides + 1), dtype=np.int32)
+    after, keys = np.empty(items.size, dtype=np.int32), np.empty(items.size, dtype=np.float32)
+    size = waiting = 0
+    left, last, now = 0, 0.0, 0
     for item in slowness.flat:
         left += 1 if item <= _FREE else 0
-    while size > 0 and left > 0:
-        key, v = keys[0], items[0]
-        _drop_first(keys, items, size)
-        size -= 1
-        k, c, r = v % turns, v // turns % n, v // (turns * n)
-        if known[r, c, k] or key > u[r, c, k]:
+    base = values.min() if values.size else 0.0
+    for i in range(places.size):
+        u.reshape(-1)[places[i]] = values[i]
+        b = min(int((values[i] - base) / width), buckets - 1)
+        items[size], keys[size], after[size], first[b] = places[i], values[i], first[b], size
+        size += 1
+    waiting = size
+    while waiting > 0 and left > 0:
+        b = now % buckets
+        if first[b] < 0:
+            now += 1
             continue
-        known[r, c, k] = True
+        entry = first[b]
+        key, v = keys[entry], items[entry]
+        first[b] = after[entry]
+        if int((key - base) / width) > now:  # it was too far ahead for the buckets
+            b = min(int((key - base) / width), now + buckets - 1) % buckets
+            after[entry], first[b] = first[b], entry
+            continue
+        waiting -= 1
+        k, c, r = v % turns, v // turns % n, v // (turns * n)
+        if known[r, c, k] < np.inf or key > u[r, c, k]:
+            continue
+        known[r, c, k] = key
         left -= 1 if slowness[r, c, k] <= _FREE else 0
         last = max(last, key)
         for side in range(sides):
-            rr, cc, kk = r, c, k
-            if side < 2:
-                cc += 2 * side - 1
-            elif side < 4:
-                rr += 2 * side - 5
-            else:
-                kk = (k + 2 * side - 9) % turns
-            if 0 <= rr < n and 0 <= cc < n and not known[rr, cc, kk]:
-                value = _solve(known, u, rr, cc, kk, slowness[rr, cc, kk], flat, turn)
+            rr, cc, kk = _beside(r, c, k, side, turns)
+            if 0 <= rr < n and 0 <= cc < n and known[rr, cc, kk] == np.inf:
+                value = _solve(known, rr, cc, kk, slowness[rr, cc, kk], flat, turn)
                 if value < u[rr, cc, kk]:
                     u[rr, cc, kk] = value
-                    _push(keys, items, size, value, (rr * n + cc) * turns + kk)
+                    # Not before this bucket, and no further ahead than the buckets go round.
+                    b = min(max(int((value - base) / width), now), now + buckets - 1) % buckets
+                    items[size], keys[size] = (rr * n + cc) * turns + kk, value
+                    after[size], first[b] = first[b], size
                     size += 1
+                    waiting += 1
     return np.minimum(u, np.float32(last + n * flat))
 
 
@@ -504,6 +531,47 @@ def least_room(
 
 
 @njit(cache=True)
+def best_motion(
+    q: FloatArray,
+    candidates: FloatArray,
+    scores: FloatArray,
+    distances: Field,
+    body: FloatArray,
+    frame: FloatArray,
+    parts: int,
+    enough: float,
+    penalty: float,
+) -> int:
+    """The candidate of the least score, where a motion with less room than ``enough`` cells scores more.
+
+    The score grows by ``penalty`` for each ``enough`` that is lacking, and no more below `LEAST`. Only
+    motions that can still be the best are looked at.
+
+    Args:
+        q: (d,) where the motions begin.
+        candidates: (m, d) where they end.
+        scores: (m,) their scores, room left out.
+        distances: (n * FINE, n * FINE) what `signed_distances` gives.
+        body: (k, 3) discs that fill the robot, in cells.
+        frame: Where the cells lie.
+        parts: Poses along a motion at which its room is looked up.
+        enough: Room in cells.
+        penalty: What lacking that room costs.
+    """
+    chosen, best = 0, np.inf
+    motion = np.empty((1, q.size))
+    for m in np.argsort(scores):
+        if scores[m] >= best:
+            break
+        motion[0] = candidates[m]
+        room = least_room(q, motion, distances, body, frame, parts)[0]
+        total = scores[m] + penalty * max((enough - room) / enough, 0.0)
+        if total < best:
+            chosen, best = m, total
+    return chosen
+
+
+@njit(cache=True)
 def blocked_on_way(q: FloatArray, field: Field, frame: FloatArray) -> int:
     """Poses that seem blocked on the field's way from q (d,) to the goal, the one beside q left out.
 
@@ -525,13 +593,7 @@ def blocked_on_way(q: FloatArray, field: Field, frame: FloatArray) -> int:
     while True:
         best, rr, cc, tt = abs(field[r, c, t]), r, c, t
         for side in range(6 if turns > 1 else 4):
-            a, b, h = r, c, t
-            if side < 2:
-                b += 2 * side - 1
-            elif side < 4:
-                a += 2 * side - 5
-            else:
-                h = (t + 2 * side - 9) % turns
+            a, b, h = _beside(r, c, t, side, turns)
             if 0 <= a < n and 0 <= b < n and abs(field[a, b, h]) < best:
                 best, rr, cc, tt = abs(field[a, b, h]), a, b, h
         if rr == r and cc == c and tt == t:

@@ -308,3 +308,16 @@ def test_corners__are_what_look_up_interpolates() -> None:
     mixed = (np.abs(field).ravel()[places] * shares).sum(axis=1)
     assert some.sum() > 40
     assert np.allclose(mixed[some], fields.look_up(q, field, frame)[some], atol=1e-4)
+
+
+@pytest.mark.parametrize("weight", [0.0, 0.001, 0.1, 30.0])
+def test_wave__is_the_same_at_every_heading_where_nothing_blocks(weight: float) -> None:
+    """However much a turn costs: more than the buckets of the queue go round, or nothing."""
+    frame = frame_of(weight=weight, goal=(0.9, 0.5, 0.0))
+    free = np.ones((N, N, 8), bool)
+    free[:20, 15] = False
+    found = waved(np.where(free, 1.0, 300.0), frame)[free]
+    flat = waved(np.where(free[..., :1], 1.0, 300.0), frame_of(goal=(0.9, 0.5, 0.0)))[free[..., 0]]
+    assert np.allclose(found.reshape(-1, 8).min(axis=1), flat[:, 0], atol=0.02)
+    turned = found.reshape(-1, 8)[:, 4] - found.reshape(-1, 8)[:, 0]
+    assert (turned <= weight * math.pi + 1e-3).all()
