@@ -31,7 +31,7 @@ Field = NDArray[np.float32]
 _MOTION_PARTS: Final = 8  # poses along a motion at which its room is looked up
 _SURE: Final = 60.0  # logit of being free for each cell of room
 _NEAR_GOAL: Final = 2  # cells around the goal where the wave may begin
-_UNSURE: Final = 0.1  # cells of room that the samples may be wrong by
+_SURE_PARTS: Final = 32  # poses along a motion to the goal
 _FINER: Final = 3  # grids that are tried, each 3/2 times as fine as the one before
 _KEPT: Final = 8  # problems whose fields are kept
 
@@ -138,12 +138,13 @@ class PoseGrid:
     def beginnings(self, frame: FloatArray) -> tuple[NDArray[np.int64], FloatArray]:
         """Where the wave begins: flat places (m,) of poses near the goal, and their distance to it (m,).
 
-        Those from which the straight motion to the goal has room; if there is none, that with the most.
+        Those from which the straight motion to the goal surely has room; if there is none, the likeliest.
         """
         places, poses = fields.poses_near_goal(self.room.shape, frame, _NEAR_GOAL)
         goal = frame[fields.GOAL : fields.GOAL + (3 if self.room.shape[2] > 1 else 2)]
-        room = self.least_room(goal, np.ascontiguousarray(poses[:, : goal.size]))
-        chosen = room >= -_UNSURE if (room >= -_UNSURE).any() else room == room.max()
+        ends = np.ascontiguousarray(poses[:, : goal.size])
+        spare = fields.spare_room(goal, ends, self.distances, self.body, frame, _SURE_PARTS)
+        chosen = spare >= 0.0 if (spare >= 0.0).any() else spare == spare.max()
         distances = [fields.goal_distance(x, y, theta, frame) for x, y, theta in poses[chosen].tolist()]
         return places[chosen], np.array(distances)
 

@@ -444,6 +444,40 @@ def _cell(q: FloatArray, n: int, turns: int, frame: FloatArray) -> tuple[int, in
 
 
 @njit(cache=True)
+def _interpolate(q: FloatArray, field: Field, frame: FloatArray, places: IntArray, shares: Field) -> bool:
+    """Flat places (8,) of the corners around a pose, and their shares (8,), which sum to 1 or to 0.
+
+    Those that seem blocked have none; nor have those whose values differ from the nearest one's by more than
+    the way between them lets them: there is a wall in between, thinner than a cell.
+
+    Returns:
+        Whether any corner seems free.
+    """
+    n, turns = field.shape[0], field.shape[2]
+    j, i, k, fy, fx, ft = _cell(q, n, turns, frame)
+    turn = frame[WEIGHT] * 2.0 * math.pi / turns
+    most = 2.0 * math.sqrt(2.0 * frame[CELL] ** 2 + turn**2)
+    flat = field.reshape(-1)
+    nearest, value = -1.0, 0.0
+    for corner in range(8):
+        a, b, c = corner & 1, corner >> 1 & 1, corner >> 2
+        places[corner] = ((j + b) * n + i + a) * turns + (k + c) % turns
+        shares[corner] = (fx if a else 1.0 - fx) * (fy if b else 1.0 - fy) * (ft if c else 1.0 - ft)
+        if flat[places[corner]] >= 0.0 and shares[corner] > nearest:
+            nearest, value = shares[corner], flat[places[corner]]
+    total = 0.0
+    for corner in range(8):
+        if flat[places[corner]] < 0.0 or abs(flat[places[corner]] - value) > most:
+            shares[corner] = 0.0
+        total += shares[corner]
+    if total <= 1e-6:
+        shares[:] = 0.0
+        return False
+    shares /= total
+    return True
+
+
+@njit(cache=True)
 def look_up(qs: FloatArray, field: Field, frame: FloatArray) -> FloatArray:
     """The field between its poses, by the corners that seem free: (m,), at least the distance to the goal.
 
@@ -453,48 +487,34 @@ def look_up(qs: FloatArray, field: Field, frame: FloatArray) -> FloatArray:
             value counts.
         frame: Where the cells lie.
     """
-    n, turns = field.shape[0], field.shape[2]
+    flat = field.reshape(-1)
+    places, shares = np.empty(8, dtype=np.int64), np.empty(8, dtype=np.float32)
     out = np.empty(qs.shape[0])
     for m in range(qs.shape[0]):
-        j, i, k, fy, fx, ft = _cell(qs[m], n, turns, frame)
-        total, summed, blocked = 0.0, 0.0, np.inf
-        for corner in range(8 if turns > 1 else 4):
-            a, b, c = corner & 1, corner >> 1 & 1, corner >> 2
-            value = field[j + b, i + a, (k + c) % turns]
-            share = (fx if a else 1.0 - fx) * (fy if b else 1.0 - fy) * (ft if c else 1.0 - ft)
-            if value >= 0.0:
-                total += share
-                summed += share * value
-            else:
-                blocked = min(blocked, -value)
+        if _interpolate(qs[m], field, frame, places, shares):
+            value = 0.0
+            for corner in range(8):
+                if shares[corner] > 0.0:
+                    value += shares[corner] * flat[places[corner]]
+        else:
+            value = np.inf
+            for corner in range(8):
+                value = min(value, abs(flat[places[corner]]))
         straight = goal_distance(qs[m, 0], qs[m, 1], qs[m, 2] if qs.shape[1] > 2 else 0.0, frame)
-        out[m] = max(summed / total if total > 1e-6 else blocked, straight)
+        out[m] = max(value, straight)
     return out
 
 
 @njit(cache=True)
-def corners(
-    qs: FloatArray, field: Field, frame: FloatArray
-) -> tuple[npt.NDArray[np.int64], npt.NDArray[np.float32]]:
+def corners(qs: FloatArray, field: Field, frame: FloatArray) -> tuple[IntArray, Field]:
     """What `look_up` interpolates: (m, 8) flat indices into the field and their shares, which sum to 1.
 
     All shares are 0 where every corner seems blocked.
     """
-    n, turns = field.shape[0], field.shape[2]
     places = np.zeros((qs.shape[0], 8), dtype=np.int64)
     shares = np.zeros((qs.shape[0], 8), dtype=np.float32)
     for m in range(qs.shape[0]):
-        j, i, k, fy, fx, ft = _cell(qs[m], n, turns, frame)
-        total = 0.0
-        for corner in range(8 if turns > 1 else 4):
-            a, b, c = corner & 1, corner >> 1 & 1, corner >> 2
-            places[m, corner] = ((j + b) * n + i + a) * turns + (k + c) % turns
-            if field[j + b, i + a, (k + c) % turns] >= 0.0:
-                share = (fx if a else 1.0 - fx) * (fy if b else 1.0 - fy) * (ft if c else 1.0 - ft)
-                shares[m, corner] = share
-                total += share
-        for corner in range(8):
-            shares[m, corner] = shares[m, corner] / total if total > 1e-6 else 0.0
+        _interpolate(qs[m], field, frame, places[m], shares[m])
     return places, shares
 
 
@@ -569,6 +589,45 @@ def best_motion(
         if total < best:
             chosen, best = m, total
     return chosen
+
+
+@njit(cache=True)
+def spare_room(
+    q: FloatArray, ends: FloatArray, distances: Field, body: FloatArray, frame: FloatArray, parts: int
+) -> FloatArray:
+    """(m,) how sure it is that the motions from q to ends (m, d) have room, in cells: at least 0 if it is.
+
+    The least, over pairs of neighbouring poses, of their rooms less the way between them: what has no room
+    between two poses leaves one of them little.
+
+    Args:
+        q: (d,) where the motions begin.
+        ends: (m, d) where they end.
+        distances: (n * FINE, n * FINE) what `signed_distances` gives.
+        body: (k, 3) discs that fill the robot, in cells.
+        frame: Where the cells lie.
+        parts: Pairs of poses along a motion.
+    """
+    d = q.size
+    out = np.empty(ends.shape[0])
+    for m in range(ends.shape[0]):
+        turn = 0.0
+        if d > 2:
+            turn = (ends[m, 2] - q[2]) / (2.0 * math.pi)
+            turn = 2.0 * math.pi * (turn - math.floor(turn + 0.5))
+        dx, dy = (ends[m, 0] - q[0]) / frame[CELL], (ends[m, 1] - q[1]) / frame[CELL]
+        way = (math.hypot(dx, dy) + abs(turn) * frame[WEIGHT] / frame[CELL]) / parts
+        least, before = np.inf, 0.0
+        for p in range(parts + 1):
+            t = p / parts
+            gx, gy = (q[0] - frame[ORIGIN_X]) / frame[CELL], (q[1] - frame[ORIGIN_Y]) / frame[CELL]
+            theta = q[2] + t * turn if d > 2 else 0.0
+            room = _room(distances, gx + t * dx, gy + t * dy, math.cos(theta), math.sin(theta), body, LEAST)
+            if p > 0:
+                least = min(least, before + room - way)
+            before = room
+        out[m] = least
+    return out
 
 
 @njit(cache=True)

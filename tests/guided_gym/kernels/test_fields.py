@@ -321,3 +321,20 @@ def test_wave__is_the_same_at_every_heading_where_nothing_blocks(weight: float) 
     assert np.allclose(found.reshape(-1, 8).min(axis=1), flat[:, 0], atol=0.02)
     turned = found.reshape(-1, 8)[:, 4] - found.reshape(-1, 8)[:, 0]
     assert (turned <= weight * math.pi + 1e-3).all()
+
+
+def test_spare_room__sees_two_obstacles_that_touch_at_a_corner() -> None:
+    corner = np.concatenate([square(0.2, 0.5, 0.5, 0.8), square(0.5, 0.2, 0.8, 0.5)])
+    distances = fields.signed_distances(corner, UNIT, frame_of(), N)
+    disc = np.zeros((1, 3))
+    q, ends = np.array([0.45, 0.44]), np.array([[0.55, 0.56], [0.3, 0.44], [0.45, 0.3]])
+    through, along, back = fields.spare_room(q, ends, distances, disc, frame_of(), 32)
+    assert through < 0 <= min(along, back)
+
+
+def test_look_up__does_not_mix_the_two_sides_of_a_thin_wall() -> None:
+    field = np.full((4, 4, 1), 1.0, np.float32)
+    field[:, 2:] = 5.0  # no pose lies in the wall
+    frame = frame_of(n=4, goal=(0.1, 0.1, 0.0))
+    left, right = fields.look_up(np.array([[0.45, 0.5], [0.55, 0.5]]), field, frame)
+    assert (left, right) == (1.0, 5.0)
