@@ -4,20 +4,25 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
-from typing import Any, Final
+from typing import TYPE_CHECKING, Any, Final
 
+import numpy as np
 from matplotlib.figure import Figure
+from matplotlib.ticker import LogLocator, NullFormatter, StrMethodFormatter
 
 from guided_gym.agents.weights import load_card
 from guided_gym.envs.catalogue import make_distribution
 from guided_gym.errors import InvalidInputError
 from guided_gym.guidance import make_guidance
-from guided_gym.train.style import MUTED, PAGE, Looks, label_of, new_figure, styled
+from guided_gym.train.style import INK, MUTED, PAGE, Looks, new_figure, styled
 from guided_gym.train.validation import validated
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
 
 Metrics = Mapping[str, Any]
 
-_RUN: Final = "#0072B2"
+_LABEL_HEIGHT: Final = 0.06  # of the axes
 _PROBLEMS: Final = ("environments", "validation", "max_samples")  # options that runs drawn together share
 
 
@@ -86,23 +91,36 @@ def learning_curves(cards: Sequence[Metrics], against: Mapping[str, Metrics] | N
             axes.plot(
                 [row["steps"] / 1000 for row in history],
                 [quantity(row) for row in history],
-                color=_RUN, marker="o", markersize=2.2, linewidth=1.1,
+                color=INK, marker="o", markersize=2.2, linewidth=1.1,
             )  # fmt: skip
-        for name, metrics in against.items():
-            level = quantity(metrics)
+        levels = {name: quantity(metrics) for name, metrics in against.items()}
+        for name, level in levels.items():
             axes.axhline(level, color=looks.colour(name), linewidth=1.0, linestyle=(0, (4, 2)))
-            axes.annotate(
-                label_of(name), (1.0, level), xycoords=("axes fraction", "data"), xytext=(2, 0),
-                textcoords="offset points", va="center", fontsize=6.5, color=looks.colour(name),
-            )  # fmt: skip
         axes.set_yscale("log")
+        axes.yaxis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0)))
+        axes.yaxis.set_major_formatter(StrMethodFormatter("{x:g}"))
+        axes.yaxis.set_minor_formatter(NullFormatter())
         axes.set_xlabel("samples learned from (thousands)")
         axes.set_ylabel(label)
+        _name_levels(axes, levels, looks)
     training = cards[0]["training"]
     names = ", ".join(training["environments"])
     title = f"{len(cards)} runs on {names}, {training['validation']} validation problems"
     figure.suptitle(title, fontsize=8.5, color=MUTED)
     return figure
+
+
+def _name_levels(axes: Axes, levels: Mapping[str, float], looks: Looks) -> None:
+    """Labels beside the axes, from the lowest level up, none upon another."""
+    low, high = np.log(axes.get_ylim())
+    free = 0.0
+    for name in sorted(levels, key=lambda name: levels[name]):
+        at = max(float((np.log(levels[name]) - low) / (high - low)), free)
+        free = at + _LABEL_HEIGHT
+        axes.text(
+            1.01, at, looks.label(name), transform=axes.transAxes, va="center", fontsize=6.5,
+            color=looks.colour(name),
+        )  # fmt: skip
 
 
 def _total(metrics: Metrics) -> float:
