@@ -32,17 +32,22 @@ _MOTION_PARTS: Final = 8  # poses along a motion at which its room is looked up
 _SURE: Final = 60.0  # logit of being free for each cell of room
 _NEAR_GOAL: Final = 2  # cells around the goal where the wave may begin
 _SURE_PARTS: Final = 32  # poses along a motion to the goal
-_FINER: Final = 3  # grids that are tried, each 3/2 times as fine as the one before
+_FINER: Final = 3  # grids that are tried, each about 3/2 times as fine as the one before
 _KEPT: Final = 8  # problems whose fields are kept
 
 
-def body_discs(robot: Robot) -> FloatArray:
-    """(k, 3) discs x, y, radius that fill the robot's outline: points along it and the largest inside."""
+def body_discs(robot: Robot, spacing: float) -> FloatArray:
+    """(k, 3) discs x, y, radius that fill the robot's outline: points along it and the largest inside.
+
+    Args:
+        robot: The robot.
+        spacing: Distance between the points (length), at most; a quarter of the robot's radius is enough.
+    """
     outline, radius = robot.outline, robot.radius
     if isinstance(outline, shapely.Point) or radius == 0.0:
         return np.array([[*shapely.get_coordinates(outline)[0], 0.0]])
     border = outline.boundary if isinstance(outline, shapely.Polygon) else outline
-    points = shapely.get_coordinates(shapely.segmentize(border, radius / 4.0))
+    points = shapely.get_coordinates(shapely.segmentize(border, min(radius / 4.0, spacing)))
     discs = [np.column_stack([points, np.zeros(len(points))])]
     if isinstance(outline, shapely.Polygon):
         discs.append(_inner_discs(outline, radius / 8.0))
@@ -122,7 +127,7 @@ class PoseGrid:
         frame[fields.CELL] = cell
         frame[fields.WEIGHT] = space.weights[2] if space.dimension == 3 else 0.0
         distances = fields.signed_distances(_edges(space.environment), np.array(bounds), frame, cells)
-        body = body_discs(space.robot) / cell
+        body = body_discs(space.robot, cell) / cell
         turns = headings if space.dimension == 3 else 1
         room = fields.robot_clearances(distances, body, space.robot.radius / cell, turns)
         fine = fields.FINE
@@ -254,5 +259,5 @@ class WaveModel:
                 break
             if not fields.blocked_on_way(problem.task.start, field.values, field.frame):
                 break
-            cells = cells * 3 // 2 // 8 * 8
+            cells = max(cells * 3 // 2 // 8 * 8, cells + 8)
         return grid, field

@@ -28,6 +28,7 @@ FRAME: Final = 7
 FINE: Final = 4  # samples of the distance along a cell's side
 CLIP: Final = 2.0  # cells of room; more is as good
 LEAST: Final = -2.0  # cells of room; less is as bad
+_AT_GOAL = 4.0  # cells
 _UNTIDY = 0.25  # of the way between two poses: what a bucket of arrivals spans
 _MOST_BUCKETS = 1 << 15
 _BLOCK = 8  # cells along a side whose near edges are looked for together
@@ -365,7 +366,8 @@ def wave(slowness: Field, places: IntArray, values: FloatArray, frame: FloatArra
 
     Ends when it has reached every pose of slowness 2 or less; what it has not reached by then comes last.
     Poses wait in buckets of arrivals that are told apart no further (an untidy priority queue): a pose may be
-    taken before another that is nearer by less than a quarter of the way between two poses.
+    taken before another that is nearer by less than a quarter of the way between two poses, or a little more
+    where turns cost next to nothing.
 
     Args:
         slowness: (n, n, T) at least 1; more where a pose seems blocked.
@@ -634,7 +636,8 @@ def spare_room(
 def blocked_on_way(q: FloatArray, field: Field, frame: FloatArray) -> int:
     """Poses that seem blocked on the field's way from q (d,) to the goal, the one beside q left out.
 
-    From the best corner around q that seems free, always on to the neighbour of least cost-to-go.
+    From the best corner around q that seems free, always on to the neighbour of least cost-to-go. A way that
+    does not end at the goal, where the wave has not come, counts as blocked.
 
     Args:
         q: Where the way begins.
@@ -656,7 +659,9 @@ def blocked_on_way(q: FloatArray, field: Field, frame: FloatArray) -> int:
             if 0 <= a < n and 0 <= b < n and abs(field[a, b, h]) < best:
                 best, rr, cc, tt = abs(field[a, b, h]), a, b, h
         if rr == r and cc == c and tt == t:
-            return blocked
+            away = abs((frame[GOAL] - frame[ORIGIN_X]) / frame[CELL] - c)
+            away = max(away, abs((frame[GOAL + 1] - frame[ORIGIN_Y]) / frame[CELL] - r))
+            return blocked if away <= _AT_GOAL else blocked + 1
         r, c, t = rr, cc, tt
         blocked += 1 if field[r, c, t] < 0.0 else 0
 

@@ -44,14 +44,14 @@ def poses(problem: Problem, count: int, seed: int = 0) -> np.ndarray:
     ids=["rectangle", "segment", "non-convex", "fork"],
 )
 def test_body_discs__lie_in_the_robot_and_fill_it(robot: Robot) -> None:
-    discs = body_discs(robot)
+    discs = body_discs(robot, robot.radius)
     union = shapely.union_all([shapely.Point(x, y).buffer(r + 1e-4) for x, y, r in discs])
     assert union.difference(robot.outline.buffer(1e-3)).area < 1e-9
     assert shapely.hausdorff_distance(union, robot.outline, densify=0.05) < 0.3 * robot.radius
 
 
 def test_body_discs__of_a_point_are_the_point() -> None:
-    assert body_discs(Robot.point()).tolist() == [[0.0, 0.0, 0.0]]
+    assert body_discs(Robot.point(), 1.0).tolist() == [[0.0, 0.0, 0.0]]
 
 
 def test_the_room_of_a_robot_says_where_it_is_free() -> None:

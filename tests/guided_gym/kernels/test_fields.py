@@ -234,7 +234,7 @@ def walled_field(gap: slice, turns: int = 1) -> np.ndarray:
 
 @pytest.mark.parametrize("turns", [1, 8])
 def test_blocked_on_way__counts_what_a_wall_blocks(turns: int) -> None:
-    q, frame = np.array([0.1, 0.5, 1.0])[: 2 if turns == 1 else 3], frame_of(weight=0.1)
+    q, frame = np.array([0.1, 0.5, 1.0])[: 2 if turns == 1 else 3], frame_of(weight=0.1, goal=(0.9, 0.5, 0.0))
     assert fields.blocked_on_way(q, walled_field(slice(0, 0), turns), frame) == 1
     assert fields.blocked_on_way(q, walled_field(slice(28, 31), turns), frame) == 0
     behind = np.array([0.7, 0.5, 1.0])[: q.size]
@@ -243,12 +243,19 @@ def test_blocked_on_way__counts_what_a_wall_blocks(turns: int) -> None:
 
 def test_blocked_on_way__leaves_out_where_it_begins() -> None:
     field = walled_field(slice(0, 0))
-    frame = frame_of()
+    frame = frame_of(goal=(0.9, 0.5, 0.0))
     between = np.array([frame[0] + 14.5 * frame[2], 0.5])
     assert fields.blocked_on_way(between, -np.abs(field), frame) > 10  # all seems blocked
     field[:, :14] *= -1  # blocked far to the left only
     beside = np.array([frame[0] + 15.5 * frame[2], 0.5])  # among the wall and what is free behind it
     assert fields.blocked_on_way(beside, field, frame) == 0
+
+
+def test_blocked_on_way__counts_a_way_that_the_wave_has_not_come() -> None:
+    frame = frame_of(goal=(0.9, 0.5, 0.0))
+    field = np.full((N, N, 1), 9.0, np.float32)
+    assert fields.blocked_on_way(np.array([0.1, 0.5]), field, frame) == 1
+    assert fields.blocked_on_way(np.array([0.9, 0.5]), field, frame) == 0
 
 
 def test_add_effort__is_the_gain_at_a_point_and_nothing_far_off() -> None:
