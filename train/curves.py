@@ -128,4 +128,5 @@ def _total(metrics: Metrics) -> float:
 
 
 def _per_sample(metrics: Metrics) -> float:
+    """Mean total SE over mean samples; a card has no ratio of each search."""
     return float(metrics["total_efficiency"] / metrics["samples"])
