@@ -144,11 +144,9 @@ class FieldModel(WaveModel):
     def free(self, grid: PoseGrid) -> Field:
         """(n, n, T) logit of each pose being free, by the encoder."""
         first, bias = self._tensors["encoder.0.weight"], self._tensors["encoder.0.bias"]
-        last, offset = (
-            self._tensors["encoder.1.weight"][:, 0].copy(),
-            float(self._tensors["encoder.1.bias"][0]),
-        )
-        return fields.free_logits(grid.room, grid.workspace, first, bias, last, float(offset))
+        last = self._tensors["encoder.1.weight"][:, 0].copy()
+        offset = float(self._tensors["encoder.1.bias"][0])
+        return fields.free_logits(grid.room, grid.workspace, first, bias, last, offset)
 
     def arrival(
         self, grid: PoseGrid, frame: FloatArray, effort: Field | None = None

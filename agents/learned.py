@@ -129,20 +129,17 @@ class LearnedGuidance(Wavefront):
         """(n, F) what the scorer sees of each node, as in `ScorerColumn`."""
         self._update(tree)
         n = len(tree)
-        remaining, crowding, _ = self._nodes[:n].T
         clearance, distance = self._seen_of(tree).T
-        unit = self._optimum()
         out = np.empty((n, len(ScorerColumn)), np.float32)
-        left = np.minimum(remaining / unit, 4.0)
-        excess = np.clip((tree._costs[:n] + remaining) / unit - 1.0, 0.0, 4.0)
+        left, excess = self._left_and_detour(tree)
         energy = left + excess
         out[:, ScorerColumn.REMAINING] = left
         out[:, ScorerColumn.EXCESS] = excess
         out[:, ScorerColumn.FAILURES] = np.log1p(tree._failures[:n])
         out[:, ScorerColumn.CHILDREN] = np.log1p(tree._children[:n])
-        out[:, ScorerColumn.CONTACTS] = np.log1p(crowding)
+        out[:, ScorerColumn.CONTACTS] = np.log1p(self._nodes[:n, 1])
         out[:, ScorerColumn.CLEARANCE] = np.minimum(clearance / self.planner.step, 2.0)
-        out[:, ScorerColumn.DISTANCE] = np.minimum(distance / unit, 4.0)
+        out[:, ScorerColumn.DISTANCE] = np.minimum(distance / self._optimum(), 4.0)
         out[:, ScorerColumn.GAP] = np.minimum(energy - energy.min(), 2.0)
         return out
 

@@ -107,10 +107,8 @@ class Wavefront(GuidingSpace):
     def logits(self, tree: SearchTree) -> NDArray[np.float64]:
         """(n,) log of P up to a constant: the target's, were the field the truth, less `penalties`."""
         self._update(tree)
-        remaining, contacts, _ = self._nodes[: len(tree)].T
-        optimum = self._optimum()
-        left = np.minimum(remaining / optimum, _CLIP)
-        detour = np.clip((tree._costs[: len(tree)] + remaining) / optimum - 1.0, 0.0, _CLIP)
+        contacts = self._nodes[: len(tree), 1]
+        left, detour = self._left_and_detour(tree)
         failed = np.log1p(tree._failures[: len(tree)])
         target = TargetParameters()
         scores = -(left / target.tau + detour / target.delta)
@@ -194,6 +192,13 @@ class Wavefront(GuidingSpace):
 
     def _way_left(self, q: NDArray[np.float64]) -> NDArray[np.float64]:
         return np.asarray(np.minimum(self._field.cost_to_go(q), _NEVER * self.planner.step))
+
+    def _left_and_detour(self, tree: SearchTree) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """(n,) way left and (n,) suboptimality of each node as it seems, in optima, after `_update`."""
+        n, optimum = len(tree), self._optimum()
+        remaining = self._nodes[:n, 0]
+        left = np.minimum(remaining / optimum, _CLIP)
+        return left, np.clip((tree._costs[:n] + remaining) / optimum - 1.0, 0.0, _CLIP)
 
     def _optimum(self) -> float:
         """The way left at the root (length), as far as it is of any use as a unit."""
