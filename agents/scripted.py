@@ -12,9 +12,9 @@ from numpy.typing import NDArray
 
 from guided_gym.envs.guided_search_env import GuidedSearchEnv
 from guided_gym.errors import GuidedGymError, InvalidInputError, UnknownNameError
-from guided_gym.guidance import guidance_names, make_guidance
 from guided_gym.guidance.base import GuidingSpace
-from guided_gym.search import Search
+from guided_gym.guidance.registry import guidance_names, make_guidance
+from guided_gym.search.search import Search
 
 Observation = Mapping[str, NDArray[Any]]
 Action = int | NDArray[np.float32]

@@ -31,11 +31,11 @@ from rich.console import Console
 from rich.progress import Progress
 from rich.table import Table
 
-from guided_gym.environment import Environment
-from guided_gym.envs.catalogue import make_distribution, rectangle_robot
+from guided_gym.catalogue.table import make_distribution, rectangle_robot
+from guided_gym.geometry.environment import Environment
+from guided_gym.geometry.robots import Robot
+from guided_gym.geometry.space import ConfigurationSpace
 from guided_gym.kernels import collision
-from guided_gym.robots import Robot
-from guided_gym.space import ConfigurationSpace
 
 FloatArray = npt.NDArray[np.float64]
 BoolArray = npt.NDArray[np.bool_]

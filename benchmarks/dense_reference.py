@@ -14,8 +14,8 @@ import numpy as np
 import numpy.typing as npt
 from numba import njit
 
-from guided_gym.environment import Environment
-from guided_gym.robots import Robot
+from guided_gym.geometry.environment import Environment
+from guided_gym.geometry.robots import Robot
 
 FloatArray = npt.NDArray[np.float64]
 IntArray = npt.NDArray[np.int64]

@@ -22,11 +22,12 @@ from scipy.sparse import csr_array
 from scipy.sparse.csgraph import dijkstra
 from scipy.spatial import cKDTree
 
-from guided_gym.kernels.nearest import GrowingIndex, State
+from guided_gym.kernels.nearest import State
 from guided_gym.kernels.nearest import insert as insert_kernel
 from guided_gym.kernels.nearest import nearest as nearest_kernel
-from guided_gym.kernels.segments import SegmentIndex
-from guided_gym.kernels.shortest_paths import RoadmapGraph, ShortestPathTree, nearest_graph
+from guided_gym.structures.nearest import GrowingIndex
+from guided_gym.structures.segments import SegmentIndex
+from guided_gym.structures.shortest_paths import RoadmapGraph, ShortestPathTree, nearest_graph
 
 WEIGHTS = np.array([1.0, 1.0, 0.54])
 PERIODS = np.array([0.0, 0.0, 2 * np.pi])

@@ -22,10 +22,11 @@ from rich.console import Console
 from rich.table import Table
 
 from guided_gym import guided_search, make_guidance
+from guided_gym.catalogue.next_mazes import benchmark_options
 from guided_gym.envs import make_distribution
-from guided_gym.envs.next_mazes import benchmark_options
 from guided_gym.guidance.wavefront import Wavefront
-from guided_gym.search import Search, streams
+from guided_gym.randomness import streams
+from guided_gym.search.search import Search
 
 FIELDS = (
     ("learned:se2", "RandomTrapCup"),

@@ -28,11 +28,11 @@ from rich.table import Table
 from scipy.interpolate import RegularGridInterpolator
 from visibility_graph import visibility_distances
 
-from guided_gym.environment import Environment
+from guided_gym.geometry.environment import Environment
+from guided_gym.geometry.robots import Robot
+from guided_gym.geometry.space import ConfigurationSpace
 from guided_gym.kernels.cost_query import cost_to_go_many, cost_to_go_one
-from guided_gym.oracle import Oracle, oracle_for
-from guided_gym.robots import Robot
-from guided_gym.space import ConfigurationSpace
+from guided_gym.measure.oracle import Oracle, oracle_for
 
 try:
     import skfmm

@@ -23,12 +23,17 @@ from scipy.sparse import csr_array
 from scipy.sparse.csgraph import dijkstra
 from shapely.geometry import box
 
-from guided_gym.environment import Environment
-from guided_gym.envs.catalogue import cup, make_distribution, rectangle_robot, wall
-from guided_gym.guidance import GuidingSpace, LazyPRM, MedialAxis, make_guidance
+from guided_gym.catalogue.table import cup, make_distribution, rectangle_robot, wall
+from guided_gym.geometry.environment import Environment
+from guided_gym.guidance.base import GuidingSpace
+from guided_gym.guidance.environment_modification import LazyPRM
+from guided_gym.guidance.registry import make_guidance
+from guided_gym.guidance.robot_modification import MedialAxis
 from guided_gym.kernels.collision import pose_free
+from guided_gym.planning import guided_search
 from guided_gym.problems import Problem, Task
-from guided_gym.search import Search, guided_search, streams
+from guided_gym.randomness import streams
+from guided_gym.search.search import Search
 
 
 def walled_in() -> Problem:

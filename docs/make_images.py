@@ -15,9 +15,8 @@ from PIL import Image
 from guided_gym import GuidingSpace, Problem, Search, make_guidance
 from guided_gym.envs import distribution_names, make_distribution
 from guided_gym.envs.rendering import Renderer
-from guided_gym.search import proposer, streams
+from guided_gym.randomness import streams
 from guided_gym.train import build_path_database, figures
-from guided_gym.train.specs import problem_of
 
 IMAGES = Path(__file__).parent / "images"
 DOTS_PER_INCH = 150
@@ -48,10 +47,7 @@ def searched(problem: Problem, guidance: GuidingSpace, seed: int, samples: int =
     _, expansion_rng, guidance_rng = streams(seed)
     search = Search(problem, expansion_rng, guidance_rng)
     search.attach(guidance)
-    propose = proposer(search, guidance, None)
-    while not search.solved and search.samples < samples:
-        node = guidance.select(search.tree)
-        search.expand(node, propose(node))
+    search.run(guidance, samples)
     return search
 
 
@@ -73,7 +69,7 @@ def draw_distributions() -> None:
     for name in distribution_names():
         distribution = make_distribution(name)
         if not distribution.fixed:
-            problems = [problem_of(distribution, seed) for seed in range(4)]
+            problems = [distribution.problem(seed) for seed in range(4)]
             save(figures.environments(problems), f"distribution-{name}", 90)
 
 
@@ -96,7 +92,7 @@ def draw_guiding_spaces(folder: Path) -> None:
     for name, environment, seed, samples in SHOWN:
         options = {"database": database} if name == "path_database" else {}
         guidance = make_guidance(name, **options)
-        problem = problem_of(make_distribution(environment), seed)
+        problem = make_distribution(environment).problem(seed)
         search = searched(problem, guidance, seed, samples)
         label = figures.label_of(name)
         figure = figures.guiding_space(guidance, search, title=f"{label}: what guides")

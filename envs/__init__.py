@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from guided_gym.envs.catalogue import distribution_names, make_distribution, register_distribution
+from guided_gym.catalogue.table import distribution_names, make_distribution, register_distribution
 from guided_gym.envs.guide_selection_env import GuideSelectionEnv
 from guided_gym.envs.guided_search_env import GuidedSearchEnv
 from guided_gym.envs.observations import (

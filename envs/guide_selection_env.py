@@ -12,15 +12,16 @@ from numpy.typing import NDArray
 
 from guided_gym.envs.guided_search_env import OPTIONS, GuidedSearchEnv
 from guided_gym.errors import InvalidInputError, UnknownNameError
-from guided_gym.guidance import Hybrid
 from guided_gym.guidance.base import GuidingSpace
-from guided_gym.guidance.turns import Turns, bounds
+from guided_gym.guidance.hybrid import Hybrid
+from guided_gym.guidance.rules import Turns, bounds
 
 if TYPE_CHECKING:
+    from guided_gym.catalogue.distributions import ProblemDistribution
+    from guided_gym.catalogue.splits import Split
     from guided_gym.envs.observations import Observation
-    from guided_gym.problems import Problem, ProblemDistribution
-    from guided_gym.search import Expansion, Search
-    from guided_gym.splits import Split
+    from guided_gym.problems import Problem
+    from guided_gym.search.search import Expansion, Search
 
 DEFAULT_GUIDES: Final = ("lazy_prm", "medial_axis")
 _OWN: Final = ("action", "expansion", "observe", "raster", "max_nodes", "on_invalid", "target_in_info")
@@ -40,8 +41,8 @@ class GuideSelectionEnv(gymnasium.Env[NDArray[np.float32], int]):
         ``Discrete(k)``, the guiding space that guides next.
 
     Observation space:
-        ``Box`` of 5 + 13 k numbers: `guided_gym.guidance.turns.SearchColumn`, then
-        `guided_gym.guidance.turns.GuideColumn` of each guiding space; nothing of the oracle.
+        ``Box`` of 5 + 13 k numbers: `guided_gym.guidance.rules.SearchColumn`, then
+        `guided_gym.guidance.rules.GuideColumn` of each guiding space; nothing of the oracle.
 
     Rewards, episode end, info and randomness:
         As in `GuidedSearchEnv`. ``reset(seed=k)`` gives the tree that ``guided_search`` gives with a `Hybrid`

@@ -12,18 +12,19 @@ import shapely
 from gymnasium import spaces
 from numpy.typing import NDArray
 
-from guided_gym.draws import draw_problem
-from guided_gym.efficiency import DEFAULT_TARGET, TargetParameters, sampling_efficiency
-from guided_gym.envs.catalogue import make_distribution
+from guided_gym.catalogue.distributions import FixedProblem, ProblemDistribution
+from guided_gym.catalogue.splits import Split, in_split
+from guided_gym.catalogue.table import make_distribution
 from guided_gym.envs.observations import Observation, Observer, TreeObservation, valid_nodes
 from guided_gym.envs.rewards import Choice, Reward, make_reward
 from guided_gym.errors import GuidedGymError, InvalidInputError, UnknownNameError
-from guided_gym.guidance import make_expander
 from guided_gym.guidance.base import GuidingSpace, draw
-from guided_gym.local_planner import DEFAULT_CANDIDATES
-from guided_gym.problems import FixedProblem, Problem, ProblemDistribution
-from guided_gym.search import Search, SearchOptions, spawn
-from guided_gym.splits import Split, in_split
+from guided_gym.guidance.registry import make_expander
+from guided_gym.measure.target import Measure, sampling_efficiency
+from guided_gym.options import DEFAULT_CANDIDATES, DEFAULT_TARGET, SearchOptions, TargetParameters
+from guided_gym.problems import Problem, Task
+from guided_gym.randomness import spawn
+from guided_gym.search.search import Search
 
 if TYPE_CHECKING:
     from guided_gym.envs.rendering import Renderer
@@ -107,7 +108,7 @@ class GuidedSearchEnv(gymnasium.Env[Observation, Action]):
     Args:
         distribution: Name in the catalogue, a distribution, or a problem.
         split: ``"train"``, ``"validation"`` or ``"test"``: draw from these problems only, and pose number k
-            of them with ``reset(seed=k)``; None for the whole distribution (see `guided_gym.splits`).
+            of them with ``reset(seed=k)``; None for the whole distribution (see `guided_gym.catalogue.splits`).
         max_nodes: Size of the padded arrays and of the action space.
         max_samples: Steps until truncation; None for max_nodes - 2.
         expansion: Who proposes the configuration: ``"uniform"`` in the ball around the node, or a guiding
@@ -117,8 +118,8 @@ class GuidedSearchEnv(gymnasium.Env[Observation, Action]):
         on_invalid: ``"noop"`` or ``"raise"``.
         step: Radius of the ball; None for 5 % of the workspace's diagonal.
         candidates: Members of the ball that a guided expansion looks at.
-        goal_tolerance: The search also ends this near to the goal.
-        goal_edge: Whether a valid edge to the goal ends the search; without it only nearness does.
+        goal_tolerance: The search also ends this near to the goal; None for what the problem says.
+        goal_edge: Whether a valid edge to the goal ends the search; None likewise.
         rewire: Rewire the tree as RRT* does.
         target: Parameters of the target distribution Q.
         observe: What is observed, an object like `guided_gym.envs.observations.Observer` (copied); None for
@@ -147,8 +148,8 @@ class GuidedSearchEnv(gymnasium.Env[Observation, Action]):
         on_invalid: str = "noop",
         step: float | None = None,
         candidates: int = DEFAULT_CANDIDATES,
-        goal_tolerance: float = 0.0,
-        goal_edge: bool = True,
+        goal_tolerance: float | None = None,
+        goal_edge: bool | None = None,
         rewire: bool = False,
         target: TargetParameters = DEFAULT_TARGET,
         observe: Observer | None = None,
@@ -166,9 +167,9 @@ class GuidedSearchEnv(gymnasium.Env[Observation, Action]):
         self.distribution = _as_distribution(distribution)
         if split is not None:
             self.distribution = in_split(self.distribution, split)
-        self.options = SearchOptions(
-            step, candidates, goal_tolerance, rewire, _checked_target(target, self.max_nodes), goal_edge
-        )
+        self.options = SearchOptions(step, candidates, rewire, _checked_target(target, self.max_nodes))
+        Task([0.0], [1.0]).ending(goal_tolerance, goal_edge)  # refuses what is no rule
+        self._ending = (goal_tolerance, goal_edge)
         self.expansion = expansion  # as it was asked for; `expander` is who does it
         self.expander = _own_expander(expansion)
         self.action = action
@@ -229,15 +230,12 @@ class GuidedSearchEnv(gymnasium.Env[Observation, Action]):
         distribution = self._distribution_for(options)
         super().reset(seed=seed)
         problem_rng, expansion_rng, guidance_rng = spawn(self.np_random)
-        problem = draw_problem(
-            distribution,
-            problem_rng,
-            self.options.goal_tolerance,
-            goal_edge=self.options.goal_edge,
-            seed=seed,
-        )
+        if seed is None:
+            problem = distribution.draw(problem_rng, *self._ending)
+        else:
+            problem = distribution.problem(seed, *self._ending)
         search = Search(problem, expansion_rng, guidance_rng, self.options, self.max_nodes)
-        search.tracker.optimum  # noqa: B018  solves the oracle: no path, no episode
+        self.measure = Measure(search)  # solves the oracle: no path, no episode
         self._observer.reset(search)
         self._search = search
         self._invalid = 0
@@ -267,7 +265,7 @@ class GuidedSearchEnv(gymnasium.Env[Observation, Action]):
             self._invalid += 1
             measured = {
                 "sampling_efficiency": float(-np.log(self.options.target.epsilon)),
-                "best_possible": search.tracker.choice(0)[1],
+                "best_possible": self.measure.choice(0)[1],
             }
         else:
             reward = self._reward(choice)
@@ -325,7 +323,7 @@ class GuidedSearchEnv(gymnasium.Env[Observation, Action]):
 
     def _propose(self, search: Search, node: int) -> NDArray[np.float64]:
         if self.expander is None:
-            return search.planner.uniform(search.tree._configurations[node])
+            return search.planner.uniform(search.tree.nodes.configurations[node])
         # Attached only now, after whoever selects: `guided_search` does it in this order too.
         self.attach(self.expander)
         return self.expander.propose(search.tree, node)
@@ -337,8 +335,8 @@ class GuidedSearchEnv(gymnasium.Env[Observation, Action]):
             if not 0 <= node < len(search.tree):
                 self._refuse(f"a node from 0 to {len(search.tree) - 1}", node)
                 return None
-            efficiency, best = search.tracker.choice(node)
-            return Choice(search, node, None, efficiency, best)
+            efficiency, best = self.measure.choice(node)
+            return Choice(self.measure, node, None, efficiency, best)
         weights = np.asarray(action, np.float64)
         if weights.shape != (self.max_nodes,):
             raise InvalidInputError(f"action: expected {self.max_nodes} weights, got shape {weights.shape}")
@@ -347,8 +345,10 @@ class GuidedSearchEnv(gymnasium.Env[Observation, Action]):
             self._refuse("finite weights >= 0", action)
             return None
         p = weights / weights.sum() if weights.any() else np.full(weights.size, 1 / weights.size)
-        q = search.tracker.distribution()
-        return Choice(search, draw(p, self.np_random), p, sampling_efficiency(p, q), -float(np.log(q.max())))
+        q = self.measure.distribution()
+        return Choice(
+            self.measure, draw(p, self.np_random), p, sampling_efficiency(p, q), -float(np.log(q.max()))
+        )
 
     def _refuse(self, expected: str, action: object) -> None:
         if self._raises:
@@ -367,7 +367,7 @@ class GuidedSearchEnv(gymnasium.Env[Observation, Action]):
             path = search.path()
             info["cost"] = 0.0 if path is None else float(search.space.distance(path[:-1], path[1:]).sum())
         if self.target_in_info:
-            q = search.tracker.distribution()
+            q = self.measure.distribution()
             info["target"] = np.concatenate([q, np.zeros(self.max_nodes - q.size)])
         return info
 
@@ -375,7 +375,7 @@ class GuidedSearchEnv(gymnasium.Env[Observation, Action]):
         """Name of the region that a node's reference point is in; "" outside all."""
         if node not in self._regions:
             names, areas = self._areas
-            x, y = search.tree._configurations[node, :2].tolist()
+            x, y = search.tree.nodes.configurations[node, :2].tolist()
             inside = np.flatnonzero(shapely.intersects_xy(areas, x, y))
             self._regions[node] = names[inside[0]] if inside.size else ""
         return self._regions[node]

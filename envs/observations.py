@@ -11,10 +11,10 @@ import numpy as np
 from gymnasium import spaces
 from numpy.typing import NDArray
 
-from guided_gym.environment import Environment
 from guided_gym.errors import InvalidInputError
-from guided_gym.search import Expansion, Search
-from guided_gym.tree import NO_PARENT
+from guided_gym.geometry.environment import Environment
+from guided_gym.search.search import Expansion, Search
+from guided_gym.search.tree import NO_PARENT
 
 Observation = dict[str, NDArray[Any]]
 
@@ -200,7 +200,7 @@ class TreeObservation:
 
     def _write_configuration(self, search: Search, i: int) -> None:
         """The columns that depend on the configuration alone, so are written once."""
-        q = search.tree._configurations[i]
+        q = search.tree.nodes.configurations[i]
         values, goal, turns = q.tolist(), self._goal, self._angle >= 0
         (x0, y0), (width, height) = self._low, self._size
         angle = values[self._angle] if turns else 0.0
@@ -231,12 +231,12 @@ class TreeObservation:
         tree, counts = search.tree, self._counts
         last = len(counts) - 1
         self._nodes[i, _PLACE_IN_TREE] = (
-            min(tree._costs.item(i) / self._unit, MAX_COST),
-            counts[min(tree._depths.item(i), last)],
-            counts[min(tree._children.item(i), last)],
-            counts[min(tree._failures.item(i), last)],
+            min(tree.nodes.costs.item(i) / self._unit, MAX_COST),
+            counts[min(tree.nodes.depths.item(i), last)],
+            counts[min(tree.nodes.children.item(i), last)],
+            counts[min(tree.nodes.failures.item(i), last)],
         )
-        self._parents[i] = tree._parents[i]
+        self._parents[i] = tree.nodes.parents[i]
 
     def _pose(self, q: NDArray[np.float64]) -> NDArray[np.float32]:
         angle = float(q[self._angle]) if self._angle >= 0 else 0.0

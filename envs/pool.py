@@ -13,12 +13,12 @@ from typing import Any, Final, NamedTuple
 
 import numpy as np
 
-from guided_gym.draws import problem_of_seed
-from guided_gym.envs.catalogue import make_distribution
+from guided_gym.catalogue.distributions import ProblemDistribution
+from guided_gym.catalogue.table import make_distribution
+from guided_gym.compute.workers import WORKER_DIED, start_workers, stop_workers
 from guided_gym.errors import GuidedGymError, InvalidInputError
-from guided_gym.oracle import Oracle, oracle_for, remember
-from guided_gym.problems import Problem, ProblemDistribution
-from guided_gym.workers import WORKER_DIED, start_workers, stop_workers
+from guided_gym.measure.oracle import Oracle, oracle_for, remember
+from guided_gym.problems import Problem
 
 AHEAD: Final = 16
 
@@ -32,11 +32,11 @@ class _Source(NamedTuple):
     """What a process needs to prepare problems."""
 
     distribution: ProblemDistribution
-    goal_tolerance: float
-    goal_edge: bool
+    goal_tolerance: float | None
+    goal_edge: bool | None
 
     def prepare(self, seed: int) -> _Prepared:
-        problem = problem_of_seed(self.distribution, seed, self.goal_tolerance, goal_edge=self.goal_edge)
+        problem = self.distribution.problem(seed, self.goal_tolerance, self.goal_edge)
         return _Prepared(problem, oracle_for(problem.space, problem.task.goal, start=problem.task.start))
 
 
@@ -61,7 +61,7 @@ class ProblemPool(ProblemDistribution):
             left, start at its `taken`.
         workers: Processes; with 0, this one prepares each problem when it is asked for.
         ahead: How many problems are prepared before anyone asks.
-        goal_tolerance: As in `guided_gym.search.SearchOptions`.
+        goal_tolerance: Another rule of when a goal is reached than the problems have, see `Problem.ending`.
         goal_edge: Likewise.
 
     Attributes:
@@ -79,8 +79,8 @@ class ProblemPool(ProblemDistribution):
         *,
         workers: int = 1,
         ahead: int = AHEAD,
-        goal_tolerance: float = 0.0,
-        goal_edge: bool = True,
+        goal_tolerance: float | None = None,
+        goal_edge: bool | None = None,
     ) -> None:
         for name, value, least in (("workers", workers, 0), ("ahead", ahead, 1)):
             if not isinstance(value, int | np.integer) or isinstance(value, bool) or value < least:
@@ -115,6 +115,16 @@ class ProblemPool(ProblemDistribution):
     def sample(self, rng: np.random.Generator) -> Problem:
         """The next problem, as `take`; draws nothing from ``rng``."""
         return self.take()
+
+    def draw(
+        self, rng: np.random.Generator, tolerance: float | None = None, by_edge: bool | None = None
+    ) -> Problem:
+        """The next problem; its worker has seen to it that it can be measured."""
+        return self.take().ending(tolerance, by_edge)
+
+    def problem(self, seed: int, tolerance: float | None = None, by_edge: bool | None = None) -> Problem:
+        """The next problem, whatever the seed."""
+        return self.take().ending(tolerance, by_edge)
 
     @property
     def ready(self) -> int:

@@ -20,14 +20,15 @@ from guided_gym.envs import palette
 from guided_gym.envs.palette import Colour
 from guided_gym.errors import GuidedGymError, InvalidInputError
 from guided_gym.kernels.pixels import shrink
-from guided_gym.tree import NO_PARENT
+from guided_gym.measure.target import Measure
+from guided_gym.search.tree import NO_PARENT
 
 if TYPE_CHECKING:
-    from guided_gym.environment import Environment
+    from guided_gym.geometry.environment import Environment
+    from guided_gym.geometry.robots import Robot
     from guided_gym.problems import Problem
-    from guided_gym.robots import Robot
-    from guided_gym.search import Search
-    from guided_gym.tree import SearchTree
+    from guided_gym.search.search import Search
+    from guided_gym.search.tree import SearchTree
 
 Points = NDArray[np.float64]
 Pixels = NDArray[np.uint8]
@@ -137,7 +138,7 @@ class Renderer:
         self._dismissed = False
 
     def _draw(self, search: Search, target: Points | None, efficiency: float | None) -> Pixels:
-        target = search.tracker.distribution() if target is None else np.asarray(target, np.float64)
+        target = Measure(search).distribution() if target is None else np.asarray(target, np.float64)
         if target.shape != (len(search.tree),):
             raise InvalidInputError(
                 f"target: expected shape ({len(search.tree)},), one entry per node, got {target.shape}"

@@ -10,9 +10,9 @@ from typing import Final, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from guided_gym.efficiency import TargetParameters, jensen_shannon
 from guided_gym.errors import InvalidInputError, UnknownNameError
-from guided_gym.search import Search
+from guided_gym.measure.target import Measure, jensen_shannon
+from guided_gym.options import TargetParameters
 
 
 @dataclass(slots=True)
@@ -20,14 +20,14 @@ class Choice:
     """One choice, measured on the tree as it stood when the choice was made, before the expansion.
 
     Attributes:
-        search: The search, its tree not yet changed.
+        measure: The metric of the search, its tree not yet changed.
         node: The node to expand.
         distribution: (n,) float64 P over the nodes that ``node`` was drawn from; None for a chosen node.
         sampling_efficiency: SE of the choice in nats: D_KL(P || Q), which is -log Q(node) for a node.
         best_possible: -log max Q, the least SE that any choice could have had, in nats.
     """
 
-    search: Search
+    measure: Measure
     node: int
     distribution: NDArray[np.float64] | None
     sampling_efficiency: float
@@ -61,7 +61,7 @@ class JensenShannonReward:
 
     def __call__(self, choice: Choice) -> float:
         """-D_JS of the choice, in nats."""
-        q = choice.search.tracker.distribution()
+        q = choice.measure.distribution()
         p = choice.distribution
         if p is None:
             p = np.zeros(q.size)

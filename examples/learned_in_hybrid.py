@@ -10,10 +10,10 @@ import sys
 import numpy as np
 
 from guided_gym import guided_search
-from guided_gym.draws import problem_of_seed
+from guided_gym.catalogue.splits import problem_seed
 from guided_gym.envs import make_distribution
-from guided_gym.guidance import Hybrid, make_guidance
-from guided_gym.splits import problem_seed
+from guided_gym.guidance.hybrid import Hybrid
+from guided_gym.guidance.registry import make_guidance
 
 agent = sys.argv[1]
 problems = int(sys.argv[2]) if len(sys.argv) > 2 else 16
@@ -28,7 +28,7 @@ guidances = {
 for name, guidance in guidances.items():
     results = []
     for i in range(problems):
-        problem = problem_of_seed(distribution, problem_seed("test", i))
+        problem = distribution.problem(problem_seed("test", i))
         results.append(guided_search(problem, guidance, seed=i, max_samples=300))
     efficiency = np.mean([result.total_efficiency for result in results])
     solved = np.mean([result.solved for result in results])

@@ -14,8 +14,14 @@ from typing import TYPE_CHECKING, Any
 from guided_gym.registration import register_environments
 
 if TYPE_CHECKING:
-    from guided_gym.efficiency import TargetParameters, jensen_shannon, sampling_efficiency
-    from guided_gym.environment import Environment
+    from guided_gym.catalogue.distributions import (
+        FixedProblem,
+        ProblemDistribution,
+        ProblemList,
+        SampledProblems,
+    )
+    from guided_gym.catalogue.splits import problem_seed
+    from guided_gym.catalogue.table import distribution_names, make_distribution, register_distribution
     from guided_gym.errors import (
         GuidedGymError,
         InvalidInputError,
@@ -23,28 +29,78 @@ if TYPE_CHECKING:
         StorageError,
         UnknownNameError,
     )
-    from guided_gym.guidance import GuidingSpace, guidance_names, make_guidance, register_guidance
-    from guided_gym.local_planner import LocalPlanner
-    from guided_gym.oracle import Oracle
-    from guided_gym.problems import FixedProblem, Problem, ProblemDistribution, SampledProblems, Task
-    from guided_gym.robots import Robot
-    from guided_gym.search import Expansion, Record, Search, SearchOptions, SearchResult, guided_search
-    from guided_gym.space import ConfigurationSpace
-    from guided_gym.tree import SearchTree
+    from guided_gym.geometry.environment import Environment
+    from guided_gym.geometry.robots import Robot
+    from guided_gym.geometry.space import ConfigurationSpace
+    from guided_gym.guidance.base import GuidingSpace
+    from guided_gym.guidance.hybrid import Hybrid
+    from guided_gym.guidance.registry import guidance_names, make_guidance, register_guidance
+    from guided_gym.measure.oracle import Oracle
+    from guided_gym.measure.target import Measure, jensen_shannon, sampling_efficiency
+    from guided_gym.options import SearchOptions, TargetParameters
+    from guided_gym.planning import Record, SearchResult, guided_search
+    from guided_gym.problems import Problem, Task
+    from guided_gym.search.local_planner import LocalPlanner
+    from guided_gym.search.search import Expansion, Search
+    from guided_gym.search.tree import SearchTree
 
-# Imported when first used: `import guided_gym` stays quick, and registers the environments all the same.
+# All that is public, and where it lives. Imported when first used: `import guided_gym` stays quick, and
+# registers the environments all the same.
 _HOMES = {
-    "efficiency": ("TargetParameters", "jensen_shannon", "sampling_efficiency"),
-    "environment": ("Environment",),
-    "errors": ("GuidedGymError", "InvalidInputError", "NoPathError", "StorageError", "UnknownNameError"),
-    "guidance": ("GuidingSpace", "guidance_names", "make_guidance", "register_guidance"),
-    "local_planner": ("LocalPlanner",),
-    "oracle": ("Oracle",),
-    "problems": ("FixedProblem", "Problem", "ProblemDistribution", "SampledProblems", "Task"),
-    "robots": ("Robot",),
-    "search": ("Expansion", "Record", "Search", "SearchOptions", "SearchResult", "guided_search"),
-    "space": ("ConfigurationSpace",),
-    "tree": ("SearchTree",),
+    "catalogue.distributions": (
+        "FixedProblem",
+        "ProblemDistribution",
+        "ProblemList",
+        "SampledProblems",
+    ),
+    "catalogue.splits": ("problem_seed",),
+    "catalogue.table": (
+        "distribution_names",
+        "make_distribution",
+        "register_distribution",
+    ),
+    "errors": (
+        "GuidedGymError",
+        "InvalidInputError",
+        "NoPathError",
+        "StorageError",
+        "UnknownNameError",
+    ),
+    "geometry.environment": ("Environment",),
+    "geometry.robots": ("Robot",),
+    "geometry.space": ("ConfigurationSpace",),
+    "guidance.base": ("GuidingSpace",),
+    "guidance.hybrid": ("Hybrid",),
+    "guidance.registry": (
+        "guidance_names",
+        "make_guidance",
+        "register_guidance",
+    ),
+    "measure.oracle": ("Oracle",),
+    "measure.target": (
+        "Measure",
+        "jensen_shannon",
+        "sampling_efficiency",
+    ),
+    "options": (
+        "SearchOptions",
+        "TargetParameters",
+    ),
+    "planning": (
+        "Record",
+        "SearchResult",
+        "guided_search",
+    ),
+    "problems": (
+        "Problem",
+        "Task",
+    ),
+    "search.local_planner": ("LocalPlanner",),
+    "search.search": (
+        "Expansion",
+        "Search",
+    ),
+    "search.tree": ("SearchTree",),
 }
 _HOME = {name: module for module, names in _HOMES.items() for name in names}
 
@@ -55,12 +111,15 @@ __all__ = [
     "FixedProblem",
     "GuidedGymError",
     "GuidingSpace",
+    "Hybrid",
     "InvalidInputError",
     "LocalPlanner",
+    "Measure",
     "NoPathError",
     "Oracle",
     "Problem",
     "ProblemDistribution",
+    "ProblemList",
     "Record",
     "Robot",
     "SampledProblems",
@@ -73,10 +132,14 @@ __all__ = [
     "Task",
     "UnknownNameError",
     "__version__",
+    "distribution_names",
     "guidance_names",
     "guided_search",
     "jensen_shannon",
+    "make_distribution",
     "make_guidance",
+    "problem_seed",
+    "register_distribution",
     "register_guidance",
     "sampling_efficiency",
 ]

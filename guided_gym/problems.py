@@ -1,10 +1,10 @@
-"""Motion planning problems M = (r, E, s, t) and distributions over them (paper, Preliminaries)."""
+"""Motion planning problems M = (r, E, s, t) (paper, Preliminaries)."""
 
 from __future__ import annotations
 
+import copy
 import hashlib
-from abc import ABC, abstractmethod
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 from functools import cached_property
 
@@ -13,29 +13,39 @@ import shapely
 from numpy.typing import ArrayLike, NDArray
 from shapely.geometry.base import BaseGeometry
 
-from guided_gym.checks import instance, integer
-from guided_gym.environment import Environment
+from guided_gym.checks import flag, instance, number
 from guided_gym.errors import InvalidInputError
-from guided_gym.robots import Robot
-from guided_gym.space import ConfigurationSpace
+from guided_gym.geometry.environment import Environment
+from guided_gym.geometry.robots import Robot
+from guided_gym.geometry.space import ConfigurationSpace
 
 
 @dataclass(frozen=True, eq=False)
 class Task:
-    """A task (s, t): where a search starts and where it has to end.
+    """A task (s, t): where a search starts, where it has to end, and what counts as having ended.
+
+    The paper's rule is a valid edge from a node to t. Benchmarks with a goal region have a tolerance, and
+    most of them no edge: then the path ends at the first node that is near enough.
 
     Attributes:
         start: (d,) float64 configuration s.
         goal: (d,) float64 configuration t.
+        tolerance: The goal also counts as reached when a node is this near to it (length); 0 for never.
+        by_edge: Whether a valid edge from a node to the goal counts as having reached it.
 
     Raises:
-        InvalidInputError: A coordinate is NaN or infinite, or the two have different shapes.
+        InvalidInputError: A coordinate is NaN or infinite, the two have different shapes, or there is no
+            rule by which to end.
     """
 
     start: NDArray[np.float64]
     goal: NDArray[np.float64]
+    tolerance: float = 0.0
+    by_edge: bool = True
 
-    def __init__(self, start: ArrayLike, goal: ArrayLike) -> None:
+    def __init__(
+        self, start: ArrayLike, goal: ArrayLike, tolerance: float = 0.0, by_edge: bool = True
+    ) -> None:
         for name, value in (("start", start), ("goal", goal)):
             try:
                 array = np.array(value, dtype=np.float64)
@@ -49,6 +59,19 @@ class Task:
             raise InvalidInputError(
                 f"task: start has {self.start.size} coordinates but goal has {self.goal.size}"
             )
+        object.__setattr__(self, "tolerance", number("goal_tolerance", tolerance, least=0, what="length"))
+        object.__setattr__(self, "by_edge", flag("goal_edge", by_edge))
+        if not by_edge and tolerance == 0:
+            raise InvalidInputError("goal_tolerance: expected a length > 0 without goal_edge, got 0")
+
+    def ending(self, tolerance: float | None = None, by_edge: bool | None = None) -> Task:
+        """This task with another rule of when its goal is reached; None leaves a part of it as it is."""
+        return Task(
+            self.start,
+            self.goal,
+            self.tolerance if tolerance is None else tolerance,
+            self.by_edge if by_edge is None else by_edge,
+        )
 
 
 @dataclass(frozen=True, eq=False)
@@ -96,7 +119,9 @@ class Problem:
                 raise InvalidInputError(
                     f"{self.name}: {label} {q.tolist()} is {self._trouble(q)}; expected a free pose"
                 )
-        task = Task(space.wrap(self.task.start), space.wrap(self.task.goal))
+        task = Task(
+            space.wrap(self.task.start), space.wrap(self.task.goal), self.task.tolerance, self.task.by_edge
+        )
         object.__setattr__(self, "task", task)
 
     def _trouble(self, q: NDArray[np.float64]) -> str:
@@ -115,7 +140,29 @@ class Problem:
         """Hash of the problem's content, the same in every process."""
         digest = hashlib.sha256(self.space.fingerprint().encode())
         digest.update(self.task.start.tobytes() + self.task.goal.tobytes())
+        if self.task.tolerance > 0 or not self.task.by_edge:
+            digest.update(f"{self.task.tolerance!r} {self.task.by_edge}".encode())
         return digest.hexdigest()
+
+    def ending(self, tolerance: float | None = None, by_edge: bool | None = None) -> Problem:
+        """This problem with another rule of when its goal is reached (see `Task`); the space stays the same.
+
+        Raises:
+            InvalidInputError: There would be no rule by which to end.
+        """
+        if tolerance is None and by_edge is None:
+            return self
+        other = copy.copy(self)
+        other.__dict__.pop("fingerprint", None)
+        object.__setattr__(other, "task", self.task.ending(tolerance, by_edge))
+        return other
+
+    @property
+    def begins_solved(self) -> bool:
+        """Whether the start already counts as having reached the goal."""
+        space, task = self.space, self.task
+        near = task.tolerance > 0 and float(space.distance(task.start, task.goal)) <= task.tolerance
+        return near or (task.by_edge and space.motion_free(task.start, task.goal))
 
 
 def _check_regions(regions: object) -> None:
@@ -126,80 +173,3 @@ def _check_regions(regions: object) -> None:
             raise InvalidInputError(
                 f"regions: expected names with shapely geometries, got {name!r}: {region!r}"
             )
-
-
-class ProblemDistribution(ABC):
-    """A distribution D over problems, indexed by seed: the same seed is the same problem everywhere.
-
-    Attributes:
-        name: What tables, databases and figures call it.
-        fixed: True when every seed gives one and the same problem.
-        summary: One line for lists of problems.
-    """
-
-    name: str
-    fixed: bool = False
-    summary: str = ""
-
-    @abstractmethod
-    def sample(self, rng: np.random.Generator) -> Problem:
-        """Draw one problem M ~ D."""
-
-    def problem(self, seed: int) -> Problem:
-        """The problem of one seed.
-
-        Raises:
-            InvalidInputError: The seed is no integer >= 0.
-        """
-        return self.sample(np.random.default_rng(integer("seed", seed, least=0)))
-
-
-class FixedProblem(ProblemDistribution):
-    """The distribution that always gives one problem."""
-
-    fixed = True
-
-    def __init__(self, problem: Problem, summary: str = "") -> None:
-        self.name = problem.name
-        self.summary = summary
-        self._problem = problem
-
-    def sample(self, rng: np.random.Generator) -> Problem:
-        """The problem; draws nothing from ``rng``."""
-        return self._problem
-
-
-class ProblemList(ProblemDistribution):
-    """A distribution over a numbered list of problems: seed k is problem k, modulo their number.
-
-    A problem asked for by its number is never drawn again, whatever it is like: benchmarks are such lists.
-    """
-
-    @abstractmethod
-    def __len__(self) -> int:
-        """Number of problems."""
-
-    @abstractmethod
-    def __getitem__(self, index: int) -> Problem:
-        """Problem number ``index``, 0 to ``len(self) - 1``."""
-
-    def sample(self, rng: np.random.Generator) -> Problem:
-        """One of the problems, each as likely."""
-        return self[int(rng.integers(len(self)))]
-
-    def problem(self, seed: int) -> Problem:
-        """Problem number ``seed``, modulo their number."""
-        return self[integer("seed", seed, least=0) % len(self)]
-
-
-class SampledProblems(ProblemDistribution):
-    """A distribution given by a function from a random generator to a problem."""
-
-    def __init__(self, name: str, draw: Callable[[np.random.Generator], Problem], summary: str = "") -> None:
-        self.name = name
-        self.summary = summary
-        self._draw = draw
-
-    def sample(self, rng: np.random.Generator) -> Problem:
-        """Draw one problem with ``draw``."""
-        return self._draw(rng)

@@ -9,7 +9,7 @@ import gymnasium
 # By string, so that the core does not import the environment, which stands above it.
 ENTRY_POINT: Final = "guided_gym.envs.guided_search_env:GuidedSearchEnv"
 
-# id -> name in `guided_gym.envs.catalogue`. Behaviour changes of an environment need a new version suffix.
+# id -> name in `guided_gym.catalogue.table`. Behaviour changes of an environment need a new version suffix.
 ENVIRONMENTS: Final[dict[str, str]] = {
     "guided_gym/SimplePassage-v0": "SimplePassage",
     "guided_gym/Cup-v0": "Cup",

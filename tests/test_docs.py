@@ -10,7 +10,7 @@ from pathlib import Path
 
 import pytest
 
-import guided_gym.envs.catalogue
+import guided_gym.catalogue.table
 import guided_gym.guidance
 
 REPOSITORY = Path(__file__).resolve().parents[1]
@@ -55,7 +55,7 @@ def test_page_runs(page: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) 
     monkeypatch.setenv("SDL_VIDEODRIVER", "dummy")
     # What a page registers is gone after it.
     monkeypatch.setattr(guided_gym.guidance, "_GUIDANCE", dict(guided_gym.guidance._GUIDANCE))
-    catalogue = guided_gym.envs.catalogue
+    catalogue = guided_gym.catalogue.table
     monkeypatch.setattr(catalogue, "_CATALOGUE", dict(catalogue._CATALOGUE))
     module = types.ModuleType("page")  # a real module: dataclasses look up the one that they are defined in
     monkeypatch.setitem(sys.modules, "page", module)

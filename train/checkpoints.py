@@ -16,8 +16,8 @@ from typing import Any, Final, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
-from guided_gym.agents.weights import pack_tensors, read_bytes, unpack_tensors, write_atomically
 from guided_gym.errors import InvalidInputError, StorageError, UnknownNameError
+from guided_gym.guidance.learned.weights import pack_tensors, read_bytes, unpack_tensors, write_atomically
 
 CONFIG_FILE: Final = "config.toml"
 CHECKPOINT_FILE: Final = "checkpoint.safetensors"

@@ -146,7 +146,7 @@ def evaluate(
     imports: Imports = None,
 ) -> None:
     """Evaluate guidances on environments: a table, a results file and figures. Call it again to resume."""
-    from guided_gym.efficiency import TargetParameters
+    from guided_gym.options import TargetParameters
     from guided_gym.train.evaluation import evaluate as run
     from guided_gym.train.specs import EvaluationSettings, words
 

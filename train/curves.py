@@ -10,10 +10,10 @@ import numpy as np
 from matplotlib.figure import Figure
 from matplotlib.ticker import LogLocator, NullFormatter, StrMethodFormatter
 
-from guided_gym.agents.weights import load_card
-from guided_gym.envs.catalogue import make_distribution
+from guided_gym.catalogue.table import make_distribution
 from guided_gym.errors import InvalidInputError
-from guided_gym.guidance import make_guidance
+from guided_gym.guidance.learned.weights import load_card
+from guided_gym.guidance.registry import make_guidance
 from guided_gym.train.style import INK, MUTED, PAGE, Looks, new_figure, styled
 from guided_gym.train.validation import validated
 

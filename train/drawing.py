@@ -18,8 +18,8 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
     from guided_gym.guidance.base import GuidingSpace
+    from guided_gym.planning import SearchResult
     from guided_gym.problems import Problem
-    from guided_gym.search import SearchResult
 
 SMOOTHING = 10  # samples that a curve is averaged over, to be readable
 _PANELS = 8  # trees or guiding spaces in one figure

@@ -13,9 +13,10 @@ import shapely
 from numpy.typing import NDArray
 
 from guided_gym.checks import integer
+from guided_gym.compute.workers import map_tasks
 from guided_gym.errors import InvalidInputError, StorageError
+from guided_gym.planning import SearchResult, guided_search
 from guided_gym.problems import Problem
-from guided_gym.search import SearchResult, guided_search
 from guided_gym.train.results import RESULTS_FILE, Results, ResultsFile, Run
 from guided_gym.train.specs import (
     DATABASE_GUIDANCE,
@@ -24,10 +25,8 @@ from guided_gym.train.specs import (
     fingerprint,
     import_modules,
     made,
-    problem_of,
     settings_content,
 )
-from guided_gym.workers import map_tasks
 
 ELSEWHERE = "elsewhere"  # the region of nodes that lie in no region of their problem
 
@@ -184,8 +183,8 @@ def check_plans(plans: Sequence[Plan]) -> None:
     Raises:
         GuidedGymError: Of the kind that says what is wrong: an unknown name, a bad option, no database.
     """
-    from guided_gym.envs.catalogue import make_distribution
-    from guided_gym.guidance import make_expander
+    from guided_gym.catalogue.table import make_distribution
+    from guided_gym.guidance.registry import make_expander
 
     for plan in plans:
         make_distribution(plan.environment)
@@ -199,11 +198,11 @@ def check_plans(plans: Sequence[Plan]) -> None:
 
 def run_once(plan: Plan, seed: int) -> tuple[Problem, SearchResult]:
     """One measured search of a plan, and the problem that it solved."""
-    from guided_gym.envs.catalogue import make_distribution
+    from guided_gym.catalogue.table import make_distribution
 
     settings = plan.settings
     distribution = make_distribution(plan.environment)
-    problem = problem_of(distribution, seed, settings.goal_tolerance, settings.goal_edge)
+    problem = distribution.problem(seed, settings.goal_tolerance, settings.goal_edge)
     result = guided_search(
         problem,
         made(plan.spec),
@@ -226,12 +225,12 @@ def _pose_first(plans: Sequence[Plan], seed: int) -> None:
     Raises:
         NoPathError: One of them has no path.
     """
-    from guided_gym.envs.catalogue import make_distribution
+    from guided_gym.catalogue.table import make_distribution
 
     for plan in {plan.environment: plan for plan in plans}.values():
         settings = plan.settings
         distribution = make_distribution(plan.environment)
-        _optimum(problem_of(distribution, seed, settings.goal_tolerance, settings.goal_edge))
+        _optimum(distribution.problem(seed, settings.goal_tolerance, settings.goal_edge))
 
 
 def checked_seeds(seeds: int | Iterable[int]) -> list[int]:
@@ -253,7 +252,7 @@ def _batches(
     groups: Sequence[_Group], seeds: Sequence[int], file: ResultsFile
 ) -> tuple[list[list[_Task]], int]:
     """What is missing, in batches that share what is dear: a fixed problem's oracle, or a drawn problem's."""
-    from guided_gym.envs.catalogue import make_distribution
+    from guided_gym.catalogue.table import make_distribution
 
     batches: list[list[_Task]] = []
     drawn: dict[tuple[str, int], list[_Task]] = {}
@@ -335,7 +334,7 @@ def _compile_here(plans: Sequence[Plan], seed: int) -> None:
 
 
 def _optimum(problem: Problem) -> float:
-    from guided_gym.oracle import oracle_for
+    from guided_gym.measure.oracle import oracle_for
 
     task = problem.task
     return float(oracle_for(problem.space, task.goal, start=task.start).cost_to_go(task.start))

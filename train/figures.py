@@ -15,10 +15,11 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
 from numpy.typing import NDArray
 
-from guided_gym.efficiency import DEFAULT_TARGET
-from guided_gym.envs.catalogue import distribution_names, make_distribution
+from guided_gym.catalogue.table import distribution_names, make_distribution
 from guided_gym.errors import InvalidInputError
-from guided_gym.search import Search, SearchResult
+from guided_gym.measure.target import Measure
+from guided_gym.planning import SearchResult
+from guided_gym.search.search import Search
 from guided_gym.train import workspace_axes as workspace
 from guided_gym.train.statistics import Interval
 from guided_gym.train.style import (
@@ -56,7 +57,7 @@ def efficiency_over_samples(
 
     Args:
         series: Name of each guidance to its (seeds, samples) SE in nats, 0 after a search has ended
-            (`guided_gym.efficiency.padded`).
+            (`guided_gym.measure.efficiency.padded`).
         title: Title of the axes.
         window: Each search's SE is averaged over so many samples first, centred.
 
@@ -169,12 +170,8 @@ def search_trees(
     return figure
 
 
-def _target(search: Search | SearchResult, problem: Problem) -> FloatArray:
-    if isinstance(search, Search):
-        return search.tracker.distribution()
-    from guided_gym.target import TargetTracker
-
-    return TargetTracker(problem, search.tree, DEFAULT_TARGET).distribution()
+def _target(search: Search | SearchResult) -> FloatArray:
+    return Measure(search).distribution()
 
 
 def guiding_space(

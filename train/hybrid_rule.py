@@ -12,13 +12,13 @@ import numpy as np
 from stable_baselines3 import PPO
 from stable_baselines3.common.vec_env import DummyVecEnv
 
-from guided_gym.agents.rules import LearnedRule, RuleModel, rule_shapes, save_rule
 from guided_gym.checks import integer
 from guided_gym.envs.guide_selection_env import DEFAULT_GUIDES, GuideSelectionEnv
 from guided_gym.errors import InvalidInputError
-from guided_gym.guidance import Hybrid
 from guided_gym.guidance.base import GuidingSpace
-from guided_gym.guidance.turns import COLUMN_NAMES
+from guided_gym.guidance.hybrid import Hybrid
+from guided_gym.guidance.learned.rule import LearnedRule, RuleModel, rule_shapes, save_rule
+from guided_gym.guidance.rules import COLUMN_NAMES
 from guided_gym.train.reinforcement import Progress, ReinforcementConfig, Tensors, Trainee, train
 from guided_gym.train.specs import package_version
 

@@ -19,16 +19,19 @@ from numpy.typing import NDArray
 from torch import Tensor
 from torch.nn import functional
 
-from guided_gym.agents import field as field_module
-from guided_gym.agents import networks, weights
-from guided_gym.agents.field import FieldArchitecture, FieldModel, decoder_input, encoder_columns
-from guided_gym.agents.learned import LearnedAgent, LearnedGuidance
-from guided_gym.agents.scorer import ScorerArchitecture, ScorerColumn, ScorerModel
-from guided_gym.envs.catalogue import make_distribution
+from guided_gym.catalogue.table import make_distribution
 from guided_gym.errors import InvalidInputError
+from guided_gym.guidance.learned import field as field_module
+from guided_gym.guidance.learned import weights
+from guided_gym.guidance.learned.agent import LearnedAgent, LearnedGuidance
+from guided_gym.guidance.learned.field import FieldArchitecture, FieldModel, decoder_input, encoder_columns
+from guided_gym.guidance.learned.scorer import ScorerArchitecture, ScorerColumn, ScorerModel
+from guided_gym.guidance.solvers.wave import CostField
 from guided_gym.kernels import fields
-from guided_gym.pose_grid import CostField
-from guided_gym.search import Search, streams
+from guided_gym.measure.target import Measure
+from guided_gym.randomness import streams
+from guided_gym.search.search import Expansion, Search
+from guided_gym.train import networks
 from guided_gym.train.checkpoints import RunFolder, check_board
 from guided_gym.train.lessons import SHARD, Lesson, lessons, mixed_problem
 from guided_gym.train.specs import package_version
@@ -381,11 +384,9 @@ class _Run:
             _, expansion, choice = streams(_mixed(config.seed, _SCORER_SEED, number, i))
             search = Search(problem, expansion, choice)
             search.attach(guidance)
-            seen = []
-            while not search.solved and search.samples < config.max_samples:
-                seen.append((guidance.columns(search.tree), search.tracker.distribution().astype(np.float32)))
-                node = guidance.select(search.tree)
-                search.expand(node, guidance.propose(search.tree, node))
+            lessons = _Lessons(guidance, search)
+            search.run(guidance, config.max_samples, watcher=lessons)
+            seen = lessons.rows
             some = np.unique(np.linspace(0, len(seen) - 1, min(_STEPS_KEPT, len(seen))).astype(int))
             kept.extend(seen[k] for k in some if len(seen[k][1]) > 1)
         sizes = np.array([len(q) for _, q in kept], np.int64)
@@ -480,6 +481,25 @@ class _Example:
         values = maps.reshape(-1)[self.places[chosen].to(device)]
         corrections = (values * self.shares[chosen].to(device)).sum(1)
         return (corrections - self.targets[chosen].to(device)) / self.scale[chosen].to(device)
+
+
+class _Lessons:
+    """What a node scorer is taught: its columns and the target distribution, before each choice of a search."""
+
+    def __init__(self, guidance: LearnedGuidance, search: Search) -> None:
+        self._guidance, self._tree, self._measure = guidance, search.tree, Measure(search)
+        self.rows: list[tuple[NDArray[np.float32], NDArray[np.float32]]] = []
+
+    def before(self, node: int) -> None:
+        """Take down the tree as it stands."""
+        target = self._measure.distribution().astype(np.float32)
+        self.rows.append((self._guidance.columns(self._tree), target))
+
+    def after(self, expansion: Expansion) -> None:
+        """Nothing."""
+
+    def take(self, rows: NDArray[np.int32]) -> None:
+        """Nothing: learned guidance runs in no bursts."""
 
 
 def _mixed(*numbers: int) -> int:

@@ -10,13 +10,14 @@ from typing import Any, Final
 import numpy as np
 from numpy.typing import NDArray
 
-from guided_gym.agents.field import FieldArchitecture
+from guided_gym.catalogue.distributions import ProblemDistribution
+from guided_gym.catalogue.splits import in_split
 from guided_gym.errors import InvalidInputError
+from guided_gym.guidance.learned.field import FieldArchitecture
+from guided_gym.guidance.solvers.wave import PoseGrid
 from guided_gym.kernels import fields
-from guided_gym.oracle import oracle_for
-from guided_gym.pose_grid import PoseGrid
-from guided_gym.problems import Problem, ProblemDistribution
-from guided_gym.splits import in_split
+from guided_gym.measure.oracle import oracle_for
+from guided_gym.problems import Problem
 from guided_gym.train.checkpoints import RunFolder
 
 SHARD: Final = 16  # problems in a file: a few seconds' work

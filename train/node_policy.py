@@ -23,16 +23,17 @@ from stable_baselines3.common.torch_layers import BaseFeaturesExtractor
 from stable_baselines3.common.vec_env import DummyVecEnv
 from torch import Tensor, nn
 
-from guided_gym.agents import networks, weights
-from guided_gym.agents.field import FieldArchitecture, FieldModel
-from guided_gym.agents.field import plain_tensors as plain_field
-from guided_gym.agents.learned import LearnedAgent, LearnedGuidance, agent_folder
-from guided_gym.agents.scorer import ScorerArchitecture, ScorerColumn, ScorerModel
-from guided_gym.agents.scorer import plain_tensors as plain_scorer
 from guided_gym.checks import integer
 from guided_gym.envs.guide_selection_env import Unobserved
 from guided_gym.envs.guided_search_env import GuidedSearchEnv
 from guided_gym.guidance.base import GuidingSpace
+from guided_gym.guidance.learned import weights
+from guided_gym.guidance.learned.agent import LearnedAgent, LearnedGuidance, agent_folder
+from guided_gym.guidance.learned.field import FieldArchitecture, FieldModel
+from guided_gym.guidance.learned.field import plain_tensors as plain_field
+from guided_gym.guidance.learned.scorer import ScorerArchitecture, ScorerColumn, ScorerModel
+from guided_gym.guidance.learned.scorer import plain_tensors as plain_scorer
+from guided_gym.train import networks
 from guided_gym.train.reinforcement import Progress, ReinforcementConfig, Tensors, Trainee, train
 from guided_gym.train.specs import package_version
 

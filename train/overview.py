@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 
-from guided_gym.database import PathDatabase
+from guided_gym.storage.path_file import PathDatabase
 
 Rows = list[tuple[str, str]]
 
@@ -24,10 +24,10 @@ _PACKAGES = (
 
 def overview() -> dict[str, Rows]:
     """Title to (name, one line) of the environments, the guidances and the robots, by kind."""
-    from guided_gym.envs.catalogue import distribution_names, make_distribution
-    from guided_gym.guidance import guidance_class, guidance_names
+    from guided_gym.catalogue.table import distribution_names, make_distribution
+    from guided_gym.geometry.robots import Robot
+    from guided_gym.guidance.registry import guidance_class, guidance_names
     from guided_gym.registration import SELECTIONS
-    from guided_gym.robots import Robot
 
     return {
         "Environments": [(name, make_distribution(name).summary) for name in distribution_names()],
@@ -43,8 +43,9 @@ def overview() -> dict[str, Rows]:
 
 def _shipped() -> Rows:
     """The agents that come with the package: what each is and what it learned on, as its card says."""
-    from guided_gym.agents import rules, weights
-    from guided_gym.agents.learned import agent_folder, shipped_agents
+    from guided_gym.guidance.learned import rule as rules
+    from guided_gym.guidance.learned import weights
+    from guided_gym.guidance.learned.agent import agent_folder, shipped_agents
 
     rows = []
     for name in shipped_agents():
@@ -123,7 +124,7 @@ def _kernel_cache() -> str:
 
 def _folders() -> Rows:
     import guided_gym
-    from guided_gym.oracle_store import FieldStore
+    from guided_gym.measure.oracle_store import FieldStore
 
     store = FieldStore.default()
     folder, trouble = store.folder, store.trouble()

@@ -9,10 +9,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from guided_gym.checks import integer
-from guided_gym.database import DatabaseHeader
-from guided_gym.database_build import BuildReport, Progress, build_database
 from guided_gym.errors import InvalidInputError, StorageError
-from guided_gym.space import ConfigurationSpace
+from guided_gym.geometry.space import ConfigurationSpace
+from guided_gym.storage.path_build import BuildReport, Progress, build_database
+from guided_gym.storage.path_file import DatabaseHeader
 from guided_gym.train.specs import import_modules
 
 SEED_OFFSET = 1_000_000  # a database's problems are others than the ones that evaluation uses
@@ -25,9 +25,9 @@ def solve_path(
     environment: str, offset: int, imports: tuple[str, ...], seed: int
 ) -> NDArray[np.float64] | None:
     """The (n, d) path that solves problem ``offset + seed`` of an environment, or None within the budget."""
-    from guided_gym.envs.catalogue import make_distribution
-    from guided_gym.guidance import make_guidance
-    from guided_gym.search import guided_search
+    from guided_gym.catalogue.table import make_distribution
+    from guided_gym.guidance.registry import make_guidance
+    from guided_gym.planning import guided_search
 
     import_modules(imports)
     problem = make_distribution(environment).problem(offset + seed)
@@ -89,7 +89,7 @@ def build_path_database(
         InvalidInputError: A number is out of range.
         StorageError: The file is foreign, damaged or cannot be written.
     """
-    from guided_gym.envs.catalogue import make_distribution
+    from guided_gym.catalogue.table import make_distribution
 
     integer("paths", n_paths, least=1)
     integer("workers", workers, least=1)

@@ -18,9 +18,9 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from guided_gym.efficiency import padded
 from guided_gym.errors import InvalidInputError, StorageError
-from guided_gym.sqlite_file import FileFormat, connect, storage_errors, transaction
+from guided_gym.measure.target import padded
+from guided_gym.storage.sqlite_file import FileFormat, connect, storage_errors, transaction
 
 RESULTS_VERSION = 1  # raise it when a column changes its meaning: older rows are computed anew
 _FILE_VERSION = 1  # raise it when the columns change: older files are refused

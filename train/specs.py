@@ -14,20 +14,15 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from guided_gym.checks import integer
-from guided_gym.efficiency import TargetParameters
 from guided_gym.errors import InvalidInputError
-from guided_gym.local_planner import DEFAULT_CANDIDATES
+from guided_gym.options import DEFAULT_CANDIDATES, TargetParameters
+from guided_gym.problems import Task
 from guided_gym.train.results import RESULTS_VERSION
 
 if TYPE_CHECKING:
     from guided_gym.guidance.base import GuidingSpace
-    from guided_gym.problems import Problem, ProblemDistribution
-    from guided_gym.search import SearchOptions
+    from guided_gym.options import SearchOptions
 
-# Modules of envs that decide what the problems are.
-PROBLEM_MODULES = (
-    "catalogue", "clutter", "grids", "mazes", "next_mazes", "placement", "shapes", "trap_cups",
-)  # fmt: skip
 LEARNED = "learned:"  # before the name or folder of a learned agent
 DATABASE_GUIDANCE = "path_database"  # the guidance that ``--database`` is for
 
@@ -88,7 +83,7 @@ class GuidanceSpec:
         Raises:
             UnknownNameError: No guidance or option of that name.
         """
-        from guided_gym.guidance import make_guidance
+        from guided_gym.guidance.registry import make_guidance
 
         return make_guidance(self.name, **dict(self.options))
 
@@ -119,47 +114,33 @@ class EvaluationSettings:
         expansion: Who proposes x_new: None for the guidance itself, ``"uniform"``, or a guidance's name.
         step: Radius of the local planner's ball; None for its default.
         candidates: Members of N_C(v) that a guided expansion looks at.
-        goal_tolerance: Distance to the goal that counts as having reached it.
+        goal_tolerance: Distance to the goal that counts as having reached it; None for what the problem says.
         rewire: Whether new nodes rewire the tree.
         target: Parameters of the target distribution Q.
         distributions: Whether to measure D_KL and D_JS of each guidance's whole distribution P too.
-        goal_edge: Whether a valid edge to the goal ends a search; without it only nearness does.
+        goal_edge: Whether a valid edge to the goal ends a search; None likewise.
     """
 
     max_samples: int = 1000
     expansion: str | None = None
     step: float | None = None
     candidates: int = DEFAULT_CANDIDATES
-    goal_tolerance: float = 0.0
+    goal_tolerance: float | None = None
     rewire: bool = False
     target: TargetParameters = field(default_factory=TargetParameters)
     distributions: bool = False
-    goal_edge: bool = True
+    goal_edge: bool | None = None
 
     def __post_init__(self) -> None:
         integer("max_samples", self.max_samples, least=1)
         self.search_options()  # checks the rest
+        Task([0.0], [1.0]).ending(self.goal_tolerance, self.goal_edge)
 
     def search_options(self) -> SearchOptions:
-        """The part of it that `guided_gym.search.Search` takes."""
-        from guided_gym.search import SearchOptions
+        """The part of it that `guided_gym.search.search.Search` takes."""
+        from guided_gym.options import SearchOptions
 
-        return SearchOptions(
-            self.step, self.candidates, self.goal_tolerance, self.rewire, self.target, self.goal_edge
-        )
-
-
-def problem_of(
-    distribution: ProblemDistribution, seed: int, goal_tolerance: float = 0.0, goal_edge: bool = True
-) -> Problem:
-    """The problem that ``env.reset(seed=seed)`` poses.
-
-    Raises:
-        NoPathError: No problem with a path could be drawn.
-    """
-    from guided_gym.draws import problem_of_seed
-
-    return problem_of_seed(distribution, seed, goal_tolerance, goal_edge=goal_edge)
+        return SearchOptions(self.step, self.candidates, self.rewire, self.target)
 
 
 def settings_content(environment: str, spec: GuidanceSpec, settings: EvaluationSettings) -> dict[str, Any]:
@@ -168,7 +149,7 @@ def settings_content(environment: str, spec: GuidanceSpec, settings: EvaluationS
     The package's code is part of it, so that no table mixes figures of two versions. A problem counts by its
     content, a file by its content, never by its path.
     """
-    from guided_gym.envs.catalogue import make_distribution
+    from guided_gym.catalogue.table import make_distribution
 
     options = {name: _content(spec, name, value) for name, value in spec.options}
     return {
@@ -189,7 +170,7 @@ def _agents_content(spec: GuidanceSpec, settings: EvaluationSettings) -> dict[st
     agents = [part.removeprefix(LEARNED) for part in parts if part.startswith(LEARNED)]
     if not agents:
         return {}
-    from guided_gym.agents.learned import fingerprint as agent_fingerprint
+    from guided_gym.guidance.learned.agent import fingerprint as agent_fingerprint
 
     return {"agents": [agent_fingerprint(agent) for agent in agents]}
 
@@ -208,7 +189,7 @@ def _content(spec: GuidanceSpec, name: str, value: Any) -> Any:
 
 @lru_cache(maxsize=64)
 def _database_content(path: str, changed: int, limit: int | None) -> str:
-    from guided_gym.database import PathDatabase
+    from guided_gym.storage.path_file import PathDatabase
 
     with PathDatabase.open(path, readonly=True) as database:
         library = database.load(limit)
@@ -218,17 +199,15 @@ def _database_content(path: str, changed: int, limit: int | None) -> str:
 
 @cache
 def code_fingerprint() -> str:
-    """Version of the package and hash of the source of its core and of its problems."""
+    """Version of the package and hash of the source of its core, problems included."""
     import guided_gym
-    import guided_gym.envs.catalogue as catalogue
 
     folder = Path(guided_gym.__file__).parent
     files = sorted(folder.rglob("*.py")) if folder.is_dir() else []
     core = [file for file in files if file.relative_to(folder).parts[0] not in ("envs", "agents", "train")]
     digest = hashlib.sha256()
-    problems = [Path(catalogue.__file__).with_name(f"{name}.py") for name in PROBLEM_MODULES]
-    for file in [*core, *problems]:
-        digest.update(file.read_bytes() if file.is_file() else b"")
+    for file in core:
+        digest.update(file.read_bytes())
     return f"{package_version()} {digest.hexdigest()[:16]}"
 
 

@@ -7,9 +7,9 @@ from typing import Any
 
 import numpy as np
 
+from guided_gym.catalogue.distributions import ProblemDistribution
 from guided_gym.guidance.base import GuidingSpace
-from guided_gym.problems import ProblemDistribution
-from guided_gym.search import guided_search
+from guided_gym.planning import guided_search
 from guided_gym.train.lessons import mixed_problem
 
 

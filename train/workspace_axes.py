@@ -15,15 +15,15 @@ from numpy.typing import NDArray
 
 from guided_gym.envs import palette
 from guided_gym.envs.rendering import spaced
-from guided_gym.guidance.search_space import Uninformed, Voronoi
+from guided_gym.guidance.cells import Uninformed, Voronoi
 from guided_gym.train.style import INK, TARGET_MAP
 
 if TYPE_CHECKING:
-    from guided_gym.environment import Environment
+    from guided_gym.geometry.environment import Environment
     from guided_gym.guidance.base import GuidingSpace
     from guided_gym.problems import Problem
-    from guided_gym.search import Search
-    from guided_gym.tree import SearchTree
+    from guided_gym.search.search import Search
+    from guided_gym.search.tree import SearchTree
 
 FloatArray = NDArray[np.float64]
 

@@ -13,8 +13,8 @@ from guided_gym.checks import number
 from guided_gym.errors import InvalidInputError
 
 if TYPE_CHECKING:
-    from guided_gym.search import Expansion, Search
-    from guided_gym.tree import SearchTree
+    from guided_gym.search.search import Expansion, Search
+    from guided_gym.search.tree import SearchTree
 
 
 class GuidingSpace(ABC):
@@ -81,7 +81,7 @@ class GuidingSpace(ABC):
     def evaluate(self, tree: SearchTree, first: int, last: int) -> NDArray[np.float64]:
         """(last - first,) h of the nodes that have come since; called once for each."""
         return self._checked(
-            self.heuristic(self.project(tree, tree._configurations[first:last])), last - first
+            self.heuristic(self.project(tree, tree.nodes.configurations[first:last])), last - first
         )
 
     def values(self, tree: SearchTree) -> NDArray[np.float64]:
@@ -115,7 +115,7 @@ class GuidingSpace(ABC):
 
     def propose(self, tree: SearchTree, node: int) -> NDArray[np.float64]:
         """(d,) x_new: the member of N_C(v) with the least h, among the local planner's candidates."""
-        candidates = self.planner.candidates(tree._configurations[node])
+        candidates = self.planner.candidates(tree.nodes.configurations[node])
         h = self._checked(self.heuristic(self.project(tree, candidates)), len(candidates))
         best: NDArray[np.float64] = candidates[np.argmin(h)]
         return best
@@ -157,11 +157,11 @@ class NodeValues:
             self._h, self._totals = (np.resize(a, 2 * n) for a in (self._h, self._totals))
         if first < n:
             self._h[first:n] = evaluate(tree, first, n)
-        failed = tree._failed_nodes[self._failures : tree.failure_count]
+        failed = tree.failed.nodes[self._failures : tree.failure_count]
         if n - first + failed.size > 8 or tree.rewirings != self._rewirings:
             self._charge(tree, slice(0, n))
         else:  # one by one: the usual case is one new node, or one failure
-            for node in (*range(first, n), *tree._parents[max(first, 1) : n].tolist(), *failed.tolist()):
+            for node in (*range(first, n), *tree.nodes.parents[max(first, 1) : n].tolist(), *failed.tolist()):
                 self._charge(tree, node)
         self._nodes, self._failures, self._rewirings = n, tree.failure_count, tree.rewirings
         totals = self._totals[:n]
@@ -174,7 +174,7 @@ class NodeValues:
         self._charge(tree, nodes)
 
     def _charge(self, tree: SearchTree, nodes: int | slice | NDArray[np.int64]) -> None:
-        expansions = tree._failures[nodes] + tree._children[nodes]
+        expansions = tree.nodes.failures[nodes] + tree.nodes.children[nodes]
         self._totals[nodes] = self._h[nodes] + self._penalty * expansions
 
 

@@ -8,15 +8,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from guided_gym.checks import integer, number
-from guided_gym.guidance.roadmap import Anchors, Roadmap, RoadmapGuidance
+from guided_gym.guidance.solvers.roadmap import Anchors, Roadmap, RoadmapGuidance
 from guided_gym.kernels.anchors import drop_anchors
-from guided_gym.kernels.nearest import GrowingIndex
-from guided_gym.kernels.segments import SegmentIndex
-from guided_gym.kernels.shortest_paths import nearest_graph
+from guided_gym.structures.nearest import GrowingIndex
+from guided_gym.structures.segments import SegmentIndex
+from guided_gym.structures.shortest_paths import nearest_graph
 
 if TYPE_CHECKING:
-    from guided_gym.search import Expansion
-    from guided_gym.tree import SearchTree
+    from guided_gym.search.search import Expansion
+    from guided_gym.search.tree import SearchTree
 
 _REBUILDS = 6  # each roadmap has half as many vertices again: where no path exists, there must be a last one
 
@@ -57,9 +57,8 @@ class SampledRoadmap(RoadmapGuidance):
     def sampled(self, count: int) -> Roadmap:
         """A roadmap of that many vertices."""
         points = self.samples(count)
-        metric = (self.space.weights, self.space.periods)
-        graph = nearest_graph(points, *metric, self.neighbours)
-        self._index = GrowingIndex(*metric)
+        graph = nearest_graph(points, self.space.metric, self.neighbours)
+        self._index = GrowingIndex(self.space.metric)
         self._index.add_many(points)
         return Roadmap(points, graph, len(points) - 1)
 
@@ -152,13 +151,13 @@ class LazyPRM(SampledRoadmap):
         """Build the first roadmap."""
         self.rebuilds = 0
         self._reach = self.radius * self.planner.step
-        self._contacts = GrowingIndex(self.space.weights, self.space.periods)
+        self._contacts = GrowingIndex(self.space.metric)
         super().prepare()
 
     def build(self) -> Roadmap:
         """Build the roadmap and index its edges."""
         roadmap = self.sampled(int(self.vertices * 1.5**self.rebuilds))
-        self._segments = SegmentIndex(roadmap.points, roadmap.edges, self.space.weights, self.space.periods)
+        self._segments = SegmentIndex(roadmap.points, roadmap.edges, self.space.metric)
         return roadmap
 
     def project(self, tree: SearchTree, q: NDArray[np.float64]) -> Anchors:  # type: ignore[override]
@@ -169,7 +168,7 @@ class LazyPRM(SampledRoadmap):
         if len(near):
             drop_anchors(
                 q, np.arange(len(q)), anchors.vertices, anchors.lengths, self.roadmap.points, near,
-                self._reach, self.space.weights, self.space.periods,
+                self._reach, self.space.metric,
             )  # fmt: skip
         return anchors
 

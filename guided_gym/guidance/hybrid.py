@@ -3,48 +3,16 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import TYPE_CHECKING, Any, ClassVar, Protocol, runtime_checkable
+from typing import Any, ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
 
 from guided_gym.errors import InvalidInputError
 from guided_gym.guidance.base import GuidingSpace
-
-if TYPE_CHECKING:
-    from guided_gym.search import Expansion, Search
-    from guided_gym.tree import SearchTree
-
-
-class Rule(Protocol):
-    """Which of several guiding spaces guides the next sample."""
-
-    def reset(self, count: int) -> int:
-        """Start over with that many guiding spaces; returns the first to guide."""
-
-    def next(self, current: int, expansion: Expansion) -> int:
-        """The guiding space that guides after this expansion."""
-
-
-@runtime_checkable
-class Watching(Protocol):
-    """A rule that looks at more than the last expansion: at the guiding spaces, and at the search."""
-
-    def watch(self, guides: Sequence[GuidingSpace], search: Search) -> None:
-        """Take hold of a new search and of its guiding spaces, all prepared; called before `Rule.reset`."""
-
-
-class SwapAtCollision:
-    """The paper's rule: swap the source of the guidance each time the search collides with an obstacle."""
-
-    def reset(self, count: int) -> int:
-        """Start with the first."""
-        self._count = count
-        return 0
-
-    def next(self, current: int, expansion: Expansion) -> int:
-        """The next one in turn if the expansion failed, else the same."""
-        return (current + 1) % self._count if expansion.failed else current
+from guided_gym.guidance.rules import Rule, SwapAtCollision, Watching
+from guided_gym.search.search import Expansion
+from guided_gym.search.tree import SearchTree
 
 
 class Hybrid(GuidingSpace):
@@ -53,7 +21,7 @@ class Hybrid(GuidingSpace):
     All of them learn from every expansion, whoever proposed it.
 
     Args:
-        guides: Guiding spaces, or their names.
+        guides: The guiding spaces; `make_guidance` takes their names, too.
         rule: Who guides when; the paper's swap at each collision by default. One that is `Watching` sees the
             guiding spaces and the search.
     """
@@ -62,15 +30,18 @@ class Hybrid(GuidingSpace):
 
     def __init__(
         self,
-        guides: Sequence[GuidingSpace | str] = ("lazy_prm", "medial_axis"),
+        guides: Sequence[GuidingSpace],
         rule: Rule | None = None,
     ) -> None:
-        from guided_gym.guidance import make_guidance
-
         super().__init__(expansion_penalty=0.0)
         if isinstance(guides, str) or not isinstance(guides, Sequence) or not guides:
             raise InvalidInputError(f"guides: expected a sequence of guiding spaces, got {guides!r}")
-        self.guides = [make_guidance(guide) for guide in guides]
+        self.guides = list(guides)
+        for guide in self.guides:
+            if not isinstance(guide, GuidingSpace):
+                raise InvalidInputError(
+                    f"guides: expected guiding spaces (`make_guidance` makes them of names), got {guide!r}"
+                )
         if len({id(guide) for guide in self.guides}) != len(self.guides):
             raise InvalidInputError("guides: expected each instance once, got one of them twice")
         if rule is not None and not (hasattr(rule, "reset") and hasattr(rule, "next")):

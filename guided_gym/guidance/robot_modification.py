@@ -8,13 +8,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from guided_gym.checks import number
-from guided_gym.guidance.roadmap import Anchors, Roadmap, RoadmapGuidance
+from guided_gym.guidance.solvers.roadmap import Anchors, Roadmap, RoadmapGuidance
+from guided_gym.guidance.solvers.skeleton import medial_axis
 from guided_gym.kernels.anchors import nearest_segments
-from guided_gym.kernels.shortest_paths import graph_from_edges
-from guided_gym.skeleton import medial_axis
+from guided_gym.structures.shortest_paths import graph_from_edges
 
 if TYPE_CHECKING:
-    from guided_gym.search import Expansion
+    from guided_gym.search.search import Expansion
 
 
 class MedialAxis(RoadmapGuidance):

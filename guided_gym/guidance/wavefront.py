@@ -8,15 +8,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from guided_gym.checks import integer, number
-from guided_gym.efficiency import TargetParameters
 from guided_gym.errors import InvalidInputError
 from guided_gym.guidance.base import GuidingSpace, draw
+from guided_gym.guidance.solvers.wave import Field, WaveModel
 from guided_gym.kernels import fields
-from guided_gym.pose_grid import Field, WaveModel
+from guided_gym.options import TargetParameters
 
 if TYPE_CHECKING:
-    from guided_gym.search import Expansion
-    from guided_gym.tree import SearchTree
+    from guided_gym.search.search import Expansion
+    from guided_gym.search.tree import SearchTree
 
 _ENOUGH_ROOM: Final = 0.2  # cells; a motion is worth a step less for each that it lacks
 _MOST_CANDIDATES: Final = 2048
@@ -96,7 +96,7 @@ class Wavefront(GuidingSpace):
     def project(self, tree: SearchTree, q: NDArray[np.float64]) -> NDArray[np.float64]:
         """(m, 2) the field at configurations (length) and how crowded known contacts are around them."""
         q = np.ascontiguousarray(q)
-        contacts = tree._contacts[: tree.failure_count]
+        contacts = tree.failed.contacts[: tree.failure_count]
         crowding = fields.crowding(q, contacts, self._reach, self._weight)
         return np.column_stack([self._way_left(q), crowding])
 
@@ -109,7 +109,7 @@ class Wavefront(GuidingSpace):
         self._update(tree)
         contacts = self._nodes[: len(tree), 1]
         left, detour = self._left_and_detour(tree)
-        failed = np.log1p(tree._failures[: len(tree)])
+        failed = np.log1p(tree.nodes.failures[: len(tree)])
         target = TargetParameters()
         scores = -(left / target.tau + detour / target.delta)
         scores -= _FAILURE * failed + _CONTACT * np.log1p(contacts)
@@ -119,8 +119,8 @@ class Wavefront(GuidingSpace):
         """(n,) what is taken from the logit of each node, so that nothing is tried in vain forever."""
         self._update(tree)
         crowd = np.log1p(np.maximum(self._nodes[: len(tree), 2] - _CROWD, 0.0))
-        again = _AGAIN * np.maximum(tree._children[: len(tree)] - 1, 0)
-        return np.asarray(self.failure_penalty * (tree._failures[: len(tree)] + again + crowd))
+        again = _AGAIN * np.maximum(tree.nodes.children[: len(tree)] - 1, 0)
+        return np.asarray(self.failure_penalty * (tree.nodes.failures[: len(tree)] + again + crowd))
 
     def values(self, tree: SearchTree) -> NDArray[np.float64]:
         """(n,) h of each node: how far its logit lies below the largest, in nats."""
@@ -146,7 +146,7 @@ class Wavefront(GuidingSpace):
     def propose(self, tree: SearchTree, node: int) -> NDArray[np.float64]:
         """(d,) x_new: the candidate with the shortest way on, shy of what has no room."""
         self._update(tree)
-        q, step = tree._configurations[node], self.planner.step
+        q, step = tree.nodes.configurations[node], self.planner.step
         crowd = max(self._nodes[node, 2] - _CROWD, 0.0)
         candidates = self.planner.candidates(
             q, min(int(self.candidates * (1 + crowd)), max(_MOST_CANDIDATES, self.candidates))
@@ -156,7 +156,7 @@ class Wavefront(GuidingSpace):
         # No free motion brings the goal nearer than by its length: what seems to lies behind a wall.
         states[:, 0] = np.maximum(states[:, 0], self._nodes[node, 0] - lengths)
         scores = self.heuristic(states) + 0.5 * lengths
-        penalty = step / (1 + tree._children[node])  # what was safe has not helped: dare more
+        penalty = step / (1 + tree.nodes.children[node])  # what was safe has not helped: dare more
         best = self._grid.best_motion(q, candidates, scores, _ENOUGH_ROOM, penalty)
         return np.asarray(candidates[best])
 
@@ -186,7 +186,7 @@ class Wavefront(GuidingSpace):
         fields.add_effort(self._effort, np.array(self._vain), self._grid.frame, reach, _VAIN_GAIN)
         self._field = self.model.evaluate(self._grid, self.goal, self._effort)
         self._vain.clear()
-        self._nodes[: self._seen, 0] = self._way_left(tree._configurations[: self._seen])
+        self._nodes[: self._seen, 0] = self._way_left(tree.nodes.configurations[: self._seen])
         self._tie(tree, 0, self._seen)
         self._nearest = float(self._nodes[: self._seen, 0].min())
 
@@ -198,7 +198,7 @@ class Wavefront(GuidingSpace):
         n, optimum = len(tree), self._optimum()
         remaining = self._nodes[:n, 0]
         left = np.minimum(remaining / optimum, _CLIP)
-        return left, np.clip((tree._costs[:n] + remaining) / optimum - 1.0, 0.0, _CLIP)
+        return left, np.clip((tree.nodes.costs[:n] + remaining) / optimum - 1.0, 0.0, _CLIP)
 
     def _optimum(self) -> float:
         """The way left at the root (length), as far as it is of any use as a unit."""
@@ -208,26 +208,28 @@ class Wavefront(GuidingSpace):
         """Take in the nodes and contacts that are new."""
         n, failed = len(tree), tree.failure_count
         if failed > self._contacts and self._seen:
-            fresh = tree._contacts[self._contacts : failed]
-            old = tree._configurations[: self._seen]
+            fresh = tree.failed.contacts[self._contacts : failed]
+            old = tree.nodes.configurations[: self._seen]
             self._nodes[: self._seen, 1] += fields.crowding(old, fresh, self._reach, self._weight)
         self._contacts = failed
         if n > len(self._nodes):
             self._nodes = np.concatenate([self._nodes, np.zeros((n, 3))])
         if n > self._seen:
             first, self._seen = self._seen, n
-            q, old = tree._configurations[first:n], tree._configurations[:first]
+            q, old = tree.nodes.configurations[first:n], tree.nodes.configurations[:first]
             self._nodes[first:n, :2] = self.project(tree, q)
             self._nodes[:first, 2] += fields.crowding(old, q, self._reach, self._weight)
-            self._nodes[first:n, 2] = fields.crowding(q, tree._configurations[:n], self._reach, self._weight)
+            self._nodes[first:n, 2] = fields.crowding(
+                q, tree.nodes.configurations[:n], self._reach, self._weight
+            )
             self._tie(tree, first, n)
 
     def _tie(self, tree: SearchTree, first: int, last: int) -> None:
         """The edge to the parent is free, so the way left is no longer than it and the parent's."""
-        parents = tree._parents[:last]
+        parents = tree.nodes.parents[:last]
         start = max(first, 1)
         edges = self.space.distance(
-            tree._configurations[start:last], tree._configurations[parents[start:last]]
+            tree.nodes.configurations[start:last], tree.nodes.configurations[parents[start:last]]
         )
         for i, edge in zip(range(start, last), np.atleast_1d(edges).tolist(), strict=True):
             self._nodes[i, 0] = min(self._nodes[i, 0], self._nodes[parents[i], 0] + edge)

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from guided_gym.kernel_cache import ensure_kernel_cache
-from guided_gym.warmup import announce_compilation
+from guided_gym.compute.kernel_cache import ensure_kernel_cache
+from guided_gym.compute.warmup import announce_compilation
 
 ensure_kernel_cache()
 announce_compilation()

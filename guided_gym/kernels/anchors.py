@@ -11,7 +11,7 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from guided_gym.kernels.metric import segment_separation, separation
+from guided_gym.kernels.metric import Metric, segment_separation, separation
 
 Floats = NDArray[np.float64]
 Int32s = NDArray[np.int32]
@@ -68,8 +68,7 @@ def drop_anchors(
     points: Floats,
     contacts: Floats,
     radius: float,
-    weights: Floats,
-    periods: Floats,
+    metric: Metric,
 ) -> None:
     """Drop the anchors that pass within ``radius`` of a colliding configuration: their length becomes inf.
 
@@ -81,8 +80,7 @@ def drop_anchors(
         points: (v, d) roadmap vertices.
         contacts: (f, d) colliding configurations.
         radius: Distance within which an anchor is dropped.
-        weights: (d,) weights of the distance.
-        periods: (d,) periods, 0 for none.
+        metric: Weights and periods of the distance.
     """
     for i in rows:
         longest = -1.0
@@ -92,14 +90,14 @@ def drop_anchors(
         if longest < 0.0:
             continue
         for f in range(contacts.shape[0]):
-            away = separation(q[i], contacts[f], weights, periods)
+            away = separation(q[i], contacts[f], metric)
             if away > radius + longest:
                 continue
             for j in range(vertices.shape[1]):
                 v = vertices[i, j]
                 if v < 0 or away > radius + lengths[i, j] or lengths[i, j] == np.inf:
                     continue
-                if segment_separation(q[i], points[v], contacts[f], weights, periods) <= radius:
+                if segment_separation(q[i], points[v], contacts[f], metric) <= radius:
                     lengths[i, j] = np.inf
 
 

@@ -7,7 +7,7 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from guided_gym.kernels.metric import separation
+from guided_gym.kernels.metric import Metric, separation
 
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
@@ -19,8 +19,7 @@ def assign_cells(
     nodes: Floats,
     first: int,
     last: int,
-    weights: Floats,
-    periods: Floats,
+    metric: Metric,
     owner: Ints,
     distance: Floats,
 ) -> None:
@@ -31,8 +30,7 @@ def assign_cells(
         nodes: (>= last, d) configurations of the tree.
         first: First new node.
         last: One past the last new node.
-        weights: (d,) weights of the distance.
-        periods: (d,) periods, 0 for none.
+        metric: Weights and periods of the distance.
         owner: (m,) int64, changed in place.
         distance: (m,) distance to the owner, changed in place.
     """
@@ -40,9 +38,9 @@ def assign_cells(
         q = nodes[v]
         for j in range(samples.shape[0]):
             # One coordinate alone often shows that the owner stays.
-            if np.abs(samples[j, 0] - q[0]) * weights[0] >= distance[j] and periods[0] == 0.0:
+            if np.abs(samples[j, 0] - q[0]) * metric.weights[0] >= distance[j] and metric.periods[0] == 0.0:
                 continue
-            d = separation(q, samples[j], weights, periods)
+            d = separation(q, samples[j], metric)
             if d < distance[j]:
                 distance[j] = d
                 owner[j] = v

@@ -3,20 +3,38 @@
 
 from __future__ import annotations
 
+from typing import NamedTuple
+
 import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
 from guided_gym.kernels.collision import Geometry, motion_fraction, motion_free
-from guided_gym.kernels.metric import interpolate, separation, steer
+from guided_gym.kernels.metric import Metric, interpolate, separation, steer
 from guided_gym.kernels.nearest import State, insert, nearest
 
 Floats = NDArray[np.float64]
 Int32s = NDArray[np.int32]
-Nodes = tuple[Floats, Int32s, Floats, Int32s, Int32s, Int32s]
-"""configurations, parents, cost to come, depths, children, failures: the node arrays of a `SearchTree`."""
-Failures = tuple[Int32s, Floats, Floats]
-"""nodes, targets, contacts: the failure arrays of a `SearchTree`."""
+
+
+class Nodes(NamedTuple):
+    """The nodes of a search tree, a row each; rows beyond its size are room to grow."""
+
+    configurations: Floats  # [n, d] float64, lengths and radians
+    parents: Int32s  # [n] int32, NO_PARENT at the root
+    costs: Floats  # [n] float64, d_T(s, v), a length
+    depths: Int32s  # [n] int32, edges from the root
+    children: Int32s  # [n] int32, number of children
+    failures: Int32s  # [n] int32, failed expansions from v
+
+
+class Failures(NamedTuple):
+    """The failed expansions of a search tree, a row each, likewise."""
+
+    nodes: Int32s  # [f] int32, x_min
+    targets: Floats  # [f, d] float64, x_new
+    contacts: Floats  # [f, d] float64, where the motion stopped being free
+
 
 FAILED, GREW, REACHED_TOLERANCE, REACHED = 0, 1, 2, 3
 
@@ -29,7 +47,7 @@ def attempt(
     tolerance: float,
     by_edge: bool,
     geometry: Geometry,
-    metric: tuple[Floats, Floats],
+    metric: Metric,
 ) -> tuple[int, float, Floats]:
     """Try the motion from ``q`` to ``target``, and the goal from there.
 
@@ -46,12 +64,11 @@ def attempt(
         FAILED and the colliding configuration; GREW; REACHED_TOLERANCE; or REACHED, when the motion to the
         goal is free. With the length of the motion.
     """
-    weights, periods = metric
     free = motion_fraction(q, target, geometry)
     if free < 1.0:
-        return FAILED, 0.0, interpolate(q, target, free, periods)
-    length = separation(q, target, weights, periods)
-    if tolerance > 0.0 and separation(target, goal, weights, periods) <= tolerance:
+        return FAILED, 0.0, interpolate(q, target, free, metric)
+    length = separation(q, target, metric)
+    if tolerance > 0.0 and separation(target, goal, metric) <= tolerance:
         return REACHED_TOLERANCE, length, target
     if by_edge and motion_free(target, goal, geometry):
         return REACHED, length, target
@@ -68,7 +85,7 @@ def grow_rrt(
     goal: Floats,
     limits: tuple[float, float, bool],
     geometry: Geometry,
-    metric: tuple[Floats, Floats],
+    metric: Metric,
     record: tuple[Int32s, Int32s],
 ) -> tuple[int, int]:
     """RRT's loop over ``samples``: nearest node, one step towards the sample, `attempt`.
@@ -90,31 +107,29 @@ def grow_rrt(
     Returns:
         Number of samples used, and the outcome of the last; stops early when the goal is reached.
     """
-    configurations, parents, costs, depths, children, failed = nodes
-    failed_nodes, failed_targets, contacts = failures
     n, f = sizes
     step, tolerance, by_edge = limits
     outcome = FAILED
     for k in range(samples.shape[0]):
         node, _ = nearest(index, samples[k])
-        target = steer(configurations[node], samples[k], step, metric[0], metric[1])
-        q = configurations[node]
+        target = steer(nodes.configurations[node], samples[k], step, metric)
+        q = nodes.configurations[node]
         outcome, length, contact = attempt(q, target, goal, tolerance, by_edge, geometry, metric)
         record[0][k] = node
         if outcome == FAILED:
             record[1][k] = -1
-            failed_nodes[f] = node
-            failed_targets[f] = target
-            contacts[f] = contact
-            failed[node] += 1
+            failures.nodes[f] = node
+            failures.targets[f] = target
+            failures.contacts[f] = contact
+            nodes.failures[node] += 1
             f += 1
             continue
         record[1][k] = n
-        configurations[n] = target
-        parents[n] = node
-        costs[n] = costs[node] + length
-        depths[n] = depths[node] + 1
-        children[node] += 1
+        nodes.configurations[n] = target
+        nodes.parents[n] = node
+        nodes.costs[n] = nodes.costs[node] + length
+        nodes.depths[n] = nodes.depths[node] + 1
+        nodes.children[node] += 1
         insert(index, target)
         n += 1
         if outcome != GREW:

@@ -3,11 +3,25 @@
 
 from __future__ import annotations
 
+from typing import NamedTuple
+
 import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
 Floats = NDArray[np.float64]
+
+
+class Metric(NamedTuple):
+    """d(a, b)^2 = sum_i (w_i * wrapped difference_i)^2.
+
+    Attributes:
+        weights: (d,) float64 length per unit of each coordinate.
+        periods: (d,) float64 period of each coordinate, 0 where it has none.
+    """
+
+    weights: Floats
+    periods: Floats
 
 
 @njit(cache=True)
@@ -27,24 +41,24 @@ def placed(value: float, period: float) -> float:
 
 
 @njit(cache=True)
-def separation(a: Floats, b: Floats, weights: Floats, periods: Floats) -> float:
+def separation(a: Floats, b: Floats, metric: Metric) -> float:
     """Distance between configurations: sqrt(sum (w_i * wrapped difference_i)^2)."""
     total = 0.0
     for i in range(a.size):
-        step = weights[i] * shortest(b[i] - a[i], periods[i])
+        step = metric.weights[i] * shortest(b[i] - a[i], metric.periods[i])
         total += step * step
     return np.sqrt(total)
 
 
 @njit(cache=True)
-def interpolate(a: Floats, b: Floats, t: float, periods: Floats) -> Floats:
+def interpolate(a: Floats, b: Floats, t: float, metric: Metric) -> Floats:
     """The configuration at fraction ``t`` of the straight motion from ``a`` to ``b``; (d,) float64.
 
     Periodic coordinates come back in [-period / 2, period / 2).
     """
     out = np.empty(a.size)
     for i in range(a.size):
-        out[i] = placed(a[i] + t * shortest(b[i] - a[i], periods[i]), periods[i])
+        out[i] = placed(a[i] + t * shortest(b[i] - a[i], metric.periods[i]), metric.periods[i])
     return out
 
 
@@ -53,15 +67,14 @@ def steer(
     a: Floats,
     b: Floats,
     step: float,
-    weights: Floats,
-    periods: Floats,
+    metric: Metric,
 ) -> Floats:
     """The configuration at most ``step`` from ``a`` on the straight motion to ``b``; (d,) float64.
 
     Periodic coordinates come back in [-period / 2, period / 2).
     """
-    length = separation(a, b, weights, periods)
-    return interpolate(a, b, 1.0 if length <= step else step / length, periods)
+    length = separation(a, b, metric)
+    return interpolate(a, b, 1.0 if length <= step else step / length, metric)
 
 
 @njit(cache=True)
@@ -69,8 +82,7 @@ def segment_separation(
     a: Floats,
     b: Floats,
     q: Floats,
-    weights: Floats,
-    periods: Floats,
+    metric: Metric,
 ) -> float:
     """Distance from ``q`` to the straight motion from ``a`` to ``b``.
 
@@ -79,8 +91,8 @@ def segment_separation(
     """
     along, squared, offset = 0.0, 0.0, 0.0
     for i in range(a.size):
-        u = weights[i] * shortest(b[i] - a[i], periods[i])
-        p = weights[i] * shortest(q[i] - a[i], periods[i])
+        u = metric.weights[i] * shortest(b[i] - a[i], metric.periods[i])
+        p = metric.weights[i] * shortest(q[i] - a[i], metric.periods[i])
         along += u * p
         squared += u * u
         offset += p * p
@@ -94,8 +106,7 @@ def ball_samples(
     normals: Floats,
     radii: Floats,
     step: float,
-    weights: Floats,
-    periods: Floats,
+    metric: Metric,
 ) -> Floats:
     """(k, d) points of the ball of radius ``step`` around ``q``.
 
@@ -104,8 +115,7 @@ def ball_samples(
         normals: (k, d) standard normal numbers, giving directions.
         radii: (k,) uniform numbers in [0, 1).
         step: Radius in the weighted distance.
-        weights: (d,) weights of the distance.
-        periods: (d,) periods, 0 for none.
+        metric: Weights and periods of the distance.
     """
     k, d = normals.shape
     out = np.empty((k, d))
@@ -115,5 +125,5 @@ def ball_samples(
             norm += normals[j, i] * normals[j, i]
         scale = step * radii[j] ** (1.0 / d) / np.sqrt(norm)
         for i in range(d):
-            out[j, i] = placed(q[i] + scale * normals[j, i] / weights[i], periods[i])
+            out[j, i] = placed(q[i] + scale * normals[j, i] / metric.weights[i], metric.periods[i])
     return out

@@ -11,9 +11,8 @@ from typing import TypeAlias
 
 import numpy as np
 from numba import njit
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import NDArray
 
-from guided_gym.errors import InvalidInputError
 from guided_gym.kernels.nearest import (
     AXIS,
     BUCKET,
@@ -23,16 +22,12 @@ from guided_gym.kernels.nearest import (
     RIGHT,
     STACK,
     Floats,
-    GrowingIndex,
     Ints,
     State,
     box_distance2,
-    checked_metric,
-    checked_query,
     doubled,
     first_sorted,
     insert,
-    kernel_array,
     load_query,
     point_distance2,
     wrapped,
@@ -115,7 +110,7 @@ def load_segment(work: Floats, a: Floats, b: Floats, halves: Floats, row: int) -
 
 
 @njit(cache=True)
-def _node_reach(nodes: Int32s, half_lengths: Floats, reach: Floats) -> None:
+def node_reach(nodes: Int32s, half_lengths: Floats, reach: Floats) -> None:
     """Fill reach (node capacity,) with the longest half of a segment in each subtree."""
     order = np.zeros(nodes.shape[0], np.int64)  # from the root down, parents first
     count, head = 1, 0
@@ -134,7 +129,7 @@ def _node_reach(nodes: Int32s, half_lengths: Floats, reach: Floats) -> None:
 
 
 @njit(cache=True)
-def _load_segments(state: State, points: Floats, edges: Int32s, halves: Floats, lengths: Floats) -> None:
+def load_segments(state: State, points: Floats, edges: Int32s, halves: Floats, lengths: Floats) -> None:
     """Insert the midpoints of the edges, and fill halves (m, d) and half lengths (m,)."""
     work = state[3]
     d = points.shape[1]
@@ -183,52 +178,3 @@ def segments_within(
                 hits[found] = i
                 found += 1
     return first_sorted(hits, found)
-
-
-class SegmentIndex:
-    """The edges of a roadmap as straight segments (the short way round), searched by distance.
-
-    Edge ids are positions in `edges`. Not safe for use by two threads at once.
-    """
-
-    def __init__(self, points: ArrayLike, edges: ArrayLike, weights: ArrayLike, periods: ArrayLike) -> None:
-        """Index edges (m, 2) between configurations (n, d).
-
-        Raises:
-            InvalidInputError: wrong shapes, values that are not finite, or ends that are no vertices.
-        """
-        w, p = checked_metric(weights, periods)
-        vertices = kernel_array(points, np.float64)
-        if vertices.ndim != 2 or vertices.shape[1] != len(w) or not np.all(np.isfinite(vertices)):
-            raise InvalidInputError(
-                f"expected finite points of shape (n, {len(w)}), got shape {vertices.shape} or NaN"
-            )
-        ends = kernel_array(np.asarray(edges).reshape(-1, 2), np.int32)
-        m, n = len(ends), len(vertices)
-        if m and (ends.min() < 0 or ends.max() >= n):
-            raise InvalidInputError(f"expected edges between vertices of 0..{n - 1}")
-        index = GrowingIndex(w, p, capacity=max(1, m))
-        self._halves, self._half_lengths = np.empty((m, len(w))), np.empty(m)
-        _load_segments(index.state, vertices, ends, self._halves, self._half_lengths)
-        self._index = index
-        self._reach = np.zeros(len(index.state[1]))
-        _node_reach(index.state[1], self._half_lengths, self._reach)
-
-    def __len__(self) -> int:
-        return len(self._halves)
-
-    @property
-    def state(self) -> tuple[State, Floats, Floats, Floats]:
-        """The first four arguments of `segments_within`, for fused kernels."""
-        return self._index.state, self._halves, self._half_lengths, self._reach
-
-    def within(self, q: ArrayLike, r: float) -> Ints:
-        """Return the ids, ascending, of the edges that pass within `r` of configuration `q`.
-
-        Raises:
-            InvalidInputError: wrong shape, a query that is not finite, or a NaN radius.
-        """
-        row = checked_query(q, self._halves.shape[1])
-        if np.isnan(r):
-            raise InvalidInputError(f"expected a radius, got {r}")
-        return segments_within(*self.state, row, float(r))

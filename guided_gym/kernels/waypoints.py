@@ -7,7 +7,7 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from guided_gym.kernels.metric import separation
+from guided_gym.kernels.metric import Metric, separation
 
 Floats = NDArray[np.float64]
 Int32s = NDArray[np.int32]
@@ -23,8 +23,7 @@ def path_anchors(
     distance: Floats,
     reach: float,
     k: int,
-    weights: Floats,
-    periods: Floats,
+    metric: Metric,
 ) -> tuple[Int32s, Floats]:
     """Up to k anchors of each configuration, on different paths, by ascending anchor length + distance.
 
@@ -36,8 +35,7 @@ def path_anchors(
         distance: (v,) length from each waypoint to the goal; infinite on filtered paths.
         reach: Longest anchor.
         k: Anchors a configuration.
-        weights: (d,) weights of the distance.
-        periods: (d,) periods, 0 for none.
+        metric: Weights and periods of the distance.
 
     Returns:
         (n, k) int32 waypoints, -1 for none, and (n, k) float64 lengths.
@@ -55,7 +53,7 @@ def path_anchors(
                 j += 1
                 if distance[v] >= best_total:
                     continue
-                length = separation(q[i], points[v], weights, periods)
+                length = separation(q[i], points[v], metric)
                 if length <= reach and length + distance[v] < best_total:
                     best, best_total, best_length = v, length + distance[v], length
             if best < 0 or best_total >= totals[k - 1]:

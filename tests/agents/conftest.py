@@ -7,11 +7,11 @@ from pathlib import Path
 
 import pytest
 
-from guided_gym.agents import field as fields
-from guided_gym.agents import scorer as scorers
-from guided_gym.agents import weights
-from guided_gym.agents.field import FieldArchitecture
-from guided_gym.agents.scorer import ScorerArchitecture
+from guided_gym.guidance.learned import field as fields
+from guided_gym.guidance.learned import scorer as scorers
+from guided_gym.guidance.learned import weights
+from guided_gym.guidance.learned.field import FieldArchitecture
+from guided_gym.guidance.learned.scorer import ScorerArchitecture
 
 ARCHITECTURE = FieldArchitecture(cells=24, headings=8)
 

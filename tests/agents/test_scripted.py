@@ -8,10 +8,9 @@ import pytest
 
 from guided_gym import GuidedGymError, InvalidInputError, UnknownNameError, guided_search, make_guidance
 from guided_gym.agents import GuidanceAgent, agent_names, make_agent, rollout
-from guided_gym.draws import draw_problem
-from guided_gym.guidance import guidance_names
-from guided_gym.path_library import PathLibrary
-from guided_gym.search import streams
+from guided_gym.guidance.registry import guidance_names
+from guided_gym.randomness import streams
+from guided_gym.storage.path_library import PathLibrary
 
 NAMES = [name for name in guidance_names() if name != "path_database"]  # that one has a test of its own
 SAMPLES = 60
@@ -64,7 +63,7 @@ def test_an_agent_grows_the_tree_that_guided_search_grows(name, expansion):
 def test_the_problem_of_a_seed_is_the_first_stream_s():
     env = environment("RandomSimplePassage")
     episode = rollout(env, make_agent("rrt"), seed=9)
-    problem = draw_problem(env.unwrapped.distribution, streams(9)[0])
+    problem = env.unwrapped.distribution.draw(streams(9)[0])
     assert problem.fingerprint == env.unwrapped.problem.fingerprint
     assert_same(env, episode, guided_search(problem, "rrt", seed=9, max_samples=SAMPLES, expansion="uniform"))
 

@@ -11,7 +11,7 @@ from shapely.geometry import box
 
 from guided_gym import Environment, InvalidInputError, Problem, Robot, Search, SearchOptions, Task
 from guided_gym.envs import NodeColumn, TreeObservation, node_table, rollout_bytes, valid_nodes
-from guided_gym.search import spawn
+from guided_gym.randomness import spawn
 
 MAX_NODES, MAX_SAMPLES = 40, 38
 PROBLEM = Problem(

@@ -16,11 +16,10 @@ import time
 import gymnasium
 import pytest
 
-from guided_gym import oracle
-from guided_gym.draws import problem_of_seed
+from guided_gym.catalogue.distributions import SampledProblems
 from guided_gym.envs import ProblemPool, make_distribution
 from guided_gym.errors import GuidedGymError, InvalidInputError, NoPathError, UnknownNameError
-from guided_gym.problems import SampledProblems
+from guided_gym.measure import oracle
 
 NAME = "RandomSimplePassage"
 DISTRIBUTION = make_distribution(NAME)
@@ -57,7 +56,7 @@ def counted(monkeypatch):
 
     def prepare(distribution, seed, *args, **kwargs):
         asked.append(seed)
-        return problem_of_seed(distribution, seed, *args, **kwargs)
+        return distribution.problem(seed, *args, **kwargs)
 
     monkeypatch.setattr("guided_gym.envs.pool.problem_of_seed", prepare)
     return asked
@@ -66,7 +65,7 @@ def counted(monkeypatch):
 def test_without_workers__prepares_what_is_asked_for(counted):
     with ProblemPool(NAME, seeds=[4, 2, 9], workers=0) as pool:
         assert pool.name == NAME and pool.ready == 0 and counted == []
-        assert pool.take().fingerprint == problem_of_seed(DISTRIBUTION, 4).fingerprint
+        assert pool.take().fingerprint == DISTRIBUTION.problem(4).fingerprint
         assert counted == [4] and pool.taken == 1
         assert len(list(pool)) == 2
         with pytest.raises(GuidedGymError, match="all 3 problems are taken"):
@@ -76,10 +75,10 @@ def test_without_workers__prepares_what_is_asked_for(counted):
 
 
 def test_workers__give_the_same_problems_in_order_and_stay_ahead(monkeypatch):
-    expected = [problem_of_seed(DISTRIBUTION, seed) for seed in range(7)]
+    expected = [DISTRIBUTION.problem(seed) for seed in range(7)]
     with ProblemPool(NAME, seeds=range(7), workers=2, ahead=4) as pool:
         wait_until(lambda: pool.ready == 4)  # and no more: nobody has taken any
-        monkeypatch.setattr("guided_gym.oracle._solved", None)  # nothing is solved in this process
+        monkeypatch.setattr("guided_gym.measure.oracle._solved", None)  # nothing is solved in this process
         oracle._remembered.clear()
         first = pool.take()
         assert oracle.oracle_for(first.space, first.task.goal, start=first.task.start)
@@ -95,7 +94,7 @@ def test_an_environment__takes_its_problems_from_a_pool():
         env = gymnasium.make(f"guided_gym/{NAME}-v0", distribution=pool)
         for k in (3, 4, 5):
             env.reset(seed=0)
-            expected = problem_of_seed(make_distribution(f"{NAME}@train"), k)
+            expected = make_distribution(f"{NAME}@train").problem(k)
             assert env.unwrapped.problem.fingerprint == expected.fingerprint
 
 

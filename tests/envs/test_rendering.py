@@ -9,13 +9,14 @@ import numpy as np
 import pytest
 import shapely
 
-from guided_gym.environment import Environment
 from guided_gym.envs import palette
 from guided_gym.envs.rendering import Renderer, spaced
 from guided_gym.errors import GuidedGymError, InvalidInputError
+from guided_gym.geometry.environment import Environment
+from guided_gym.geometry.robots import Robot
 from guided_gym.problems import Problem, Task
-from guided_gym.robots import Robot
-from guided_gym.search import Search, streams
+from guided_gym.randomness import streams
+from guided_gym.search.search import Search
 
 BOUNDS = (0.0, 0.0, 8.0, 4.0)
 

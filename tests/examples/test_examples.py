@@ -43,7 +43,7 @@ def test_a_network_of_your_own():
 
 
 def test_learned_guidance_in_a_hybrid(tmp_path):
-    from guided_gym.agents import field, scorer, weights
+    from guided_gym.guidance.learned import field, scorer, weights
 
     fields, scorers = field.FieldArchitecture(cells=24, headings=8), scorer.ScorerArchitecture()
     tensors = {f"field.{name}": t for name, t in field.plain_tensors(fields).items()}

@@ -12,9 +12,9 @@ from types import ModuleType
 import pytest
 import shapely
 
-from guided_gym.environment import Environment
+from guided_gym.geometry.environment import Environment
+from guided_gym.geometry.robots import Robot
 from guided_gym.problems import Problem, Task
-from guided_gym.robots import Robot
 
 BOUNDS = (0.0, 0.0, 10.0, 10.0)
 ROBOTS = {

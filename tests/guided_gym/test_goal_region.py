@@ -7,18 +7,20 @@ from collections.abc import Callable
 import numpy as np
 import pytest
 
-from guided_gym.draws import draw_problem
+from guided_gym.catalogue.distributions import SampledProblems
 from guided_gym.errors import InvalidInputError, NoPathError
-from guided_gym.problems import Problem, SampledProblems
-from guided_gym.search import Search, SearchOptions, guided_search, streams
+from guided_gym.planning import guided_search
+from guided_gym.problems import Problem
+from guided_gym.randomness import streams
+from guided_gym.search.search import Search
 
-REGION = SearchOptions(goal_tolerance=0.8, goal_edge=False)
+REGION = (0.8, False)  # tolerance, by_edge
 
 
 @pytest.mark.parametrize("guidance", ["rrt", "goal_distance"])  # one grows in compiled bursts, one does not
 def test_a_visible_goal__is_not_enough(room: Problem, guidance: str) -> None:
     assert guided_search(room, guidance, seed=0).samples == 0  # sees the goal from the start
-    result = guided_search(room, guidance, seed=0, max_samples=3000, options=REGION)
+    result = guided_search(room.ending(*REGION), guidance, seed=0, max_samples=3000)
     assert result.solved and result.samples > 10
     assert result.path is not None
     away = room.space.distance(result.tree.configurations, room.task.goal)
@@ -28,27 +30,30 @@ def test_a_visible_goal__is_not_enough(room: Problem, guidance: str) -> None:
 
 
 def test_a_start_in_the_region__is_a_path_of_one_node(room: Problem) -> None:
-    search = Search(room, *streams(0)[1:], SearchOptions(goal_tolerance=20.0, goal_edge=False))
+    search = Search(room.ending(20.0, by_edge=False), *streams(0)[1:])
     path = search.path()
     assert path is not None and path.tolist() == [[1.0, 1.0]]
 
 
 def test_bursts_and_single_samples_agree(walled: Callable[[str], Problem]) -> None:
-    problem = walled("point")
-    burst = guided_search(problem, "rrt", seed=3, options=REGION, measure=False)
-    single = guided_search(problem, "rrt", seed=3, options=REGION, measure=False, distributions=True)
+    problem = walled("point").ending(*REGION)
+    burst = guided_search(problem, "rrt", seed=3, measure=False)
+    single = guided_search(problem, "rrt", seed=3, measure=False, distributions=True)
     assert burst.samples > 0
     assert (burst.tree.configurations == single.tree.configurations).all()
     assert burst.collision_checks == single.collision_checks
 
 
-def test_options__need_a_way_to_end() -> None:
+def test_tasks__need_a_way_to_end(room: Problem) -> None:
     with pytest.raises(InvalidInputError, match="without goal_edge"):
-        SearchOptions(goal_edge=False)
+        room.task.ending(by_edge=False)
+    with pytest.raises(InvalidInputError, match="goal_tolerance"):
+        room.ending(tolerance=-1.0)
 
 
 def test_draws__keep_problems_whose_goal_is_in_sight_if_that_does_not_solve_them(room: Problem) -> None:
     rooms = SampledProblems("Rooms", lambda rng: room)
-    assert draw_problem(rooms, np.random.default_rng(0), 0.05, goal_edge=False) is room
+    drawn = rooms.draw(np.random.default_rng(0), 0.05, by_edge=False)
+    assert drawn.space is room.space and not drawn.task.by_edge
     with pytest.raises(NoPathError, match="needs a search"):
-        draw_problem(rooms, np.random.default_rng(0))
+        rooms.draw(np.random.default_rng(0))

@@ -11,10 +11,11 @@ import numpy as np
 import pytest
 import shapely
 
-from guided_gym.environment import Environment
+from guided_gym.catalogue.distributions import FixedProblem, SampledProblems
 from guided_gym.errors import InvalidInputError
-from guided_gym.problems import FixedProblem, Problem, SampledProblems, Task
-from guided_gym.robots import Robot
+from guided_gym.geometry.environment import Environment
+from guided_gym.geometry.robots import Robot
+from guided_gym.problems import Problem, Task
 
 E = Environment((0.0, 0.0, 10.0, 10.0), (shapely.box(4, 4, 6, 6),))
 R = Robot.rectangle(0.8, 0.3)

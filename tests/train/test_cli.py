@@ -11,8 +11,8 @@ from pathlib import Path
 import pytest
 from typer.testing import CliRunner
 
-from guided_gym.agents.learned import agent_folder, shipped_agents
 from guided_gym.errors import GuidedGymWarning
+from guided_gym.guidance.learned.agent import agent_folder, shipped_agents
 from guided_gym.registration import SELECTIONS
 from guided_gym.train import cli
 from guided_gym.train.results import RESULTS_FILE

@@ -7,8 +7,8 @@ from pathlib import Path
 import pytest
 from typer.testing import CliRunner
 
-from guided_gym.agents import weights
 from guided_gym.errors import InvalidInputError
+from guided_gym.guidance.learned import weights
 from guided_gym.train.cli import app
 from guided_gym.train.curves import learning_curves, read_runs, references
 

@@ -13,14 +13,14 @@ import numpy as np
 import pytest
 import shapely
 
-from guided_gym.efficiency import TargetParameters
-from guided_gym.envs.catalogue import make_distribution
+from guided_gym.catalogue.table import make_distribution
 from guided_gym.errors import InvalidInputError, NoPathError, StorageError, UnknownNameError
-from guided_gym.search import guided_search
+from guided_gym.options import TargetParameters
+from guided_gym.planning import guided_search
 from guided_gym.train import evaluation
 from guided_gym.train.evaluation import ELSEWHERE, evaluate, region_sums, run_once
 from guided_gym.train.results import RESULTS_FILE, Results, ResultsFile, Run
-from guided_gym.train.specs import EvaluationSettings, GuidanceSpec, problem_of
+from guided_gym.train.specs import EvaluationSettings, GuidanceSpec
 from guided_gym.train.table import summarise
 
 SHORT = EvaluationSettings(max_samples=60)
@@ -52,9 +52,9 @@ def test_runs__are_those_of_guided_search() -> None:
 
 def test_seed_k__poses_the_problem_of_seed_k() -> None:
     distribution = make_distribution("RandomSimplePassage")
-    first, second = (problem_of(distribution, seed) for seed in (4, 5))
+    first, second = (distribution.problem(seed) for seed in (4, 5))
     assert first.fingerprint != second.fingerprint
-    assert problem_of(distribution, 4).fingerprint == first.fingerprint
+    assert distribution.problem(4).fingerprint == first.fingerprint
     run = evaluate("RandomSimplePassage", "goal_distance", seeds=[4], settings=SHORT).runs[0]
     search = guided_search(first, "goal_distance", seed=4, max_samples=60)
     assert run.total_efficiency == search.total_efficiency

@@ -13,13 +13,14 @@ from matplotlib.collections import LineCollection
 from matplotlib.colors import to_rgb
 from matplotlib.figure import Figure
 
-from guided_gym.environment import Environment
 from guided_gym.errors import InvalidInputError, StorageError
-from guided_gym.guidance import make_guidance
-from guided_gym.path_library import PathLibrary
+from guided_gym.geometry.environment import Environment
+from guided_gym.geometry.robots import Robot
+from guided_gym.guidance.registry import make_guidance
 from guided_gym.problems import Problem, Task
-from guided_gym.robots import Robot
-from guided_gym.search import Search, streams
+from guided_gym.randomness import streams
+from guided_gym.search.search import Search
+from guided_gym.storage.path_library import PathLibrary
 from guided_gym.train import figures
 from guided_gym.train.statistics import Interval
 from guided_gym.train.style import FORMATS, Looks, label_of, save

@@ -16,12 +16,11 @@ import torch
 from stable_baselines3.common.vec_env import DummyVecEnv
 
 from guided_gym import guided_search
-from guided_gym.agents import weights
-from guided_gym.agents.learned import LearnedAgent, LearnedGuidance
-from guided_gym.draws import problem_of_seed
 from guided_gym.envs import make_distribution
 from guided_gym.errors import InvalidInputError, StorageError, UnknownNameError
-from guided_gym.guidance import make_guidance
+from guided_gym.guidance.learned import weights
+from guided_gym.guidance.learned.agent import LearnedAgent, LearnedGuidance
+from guided_gym.guidance.registry import make_guidance
 from guided_gym.train.cli import app
 from guided_gym.train.node_policy import PPOConfig, _ScorerTrainee, train_ppo
 from guided_gym.train.reinforcement import buffer_bytes
@@ -47,7 +46,7 @@ def finished(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 def test_the_agent_runs_by_its_name(finished):
     guidance = make_guidance(f"learned:{finished / 'agent'}")
-    problem = problem_of_seed(make_distribution("RandomSimplePassage"), 0)
+    problem = make_distribution("RandomSimplePassage").problem(0)
     assert guided_search(problem, guidance, seed=0, max_samples=20).samples <= 20
 
 

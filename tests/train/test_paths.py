@@ -8,9 +8,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from guided_gym.database import PathDatabase
-from guided_gym.envs.catalogue import make_distribution
+from guided_gym.catalogue.table import make_distribution
 from guided_gym.errors import InvalidInputError, StorageError, UnknownNameError
+from guided_gym.storage.path_file import PathDatabase
 from guided_gym.train.evaluation import evaluate
 from guided_gym.train.paths import SEED_OFFSET, build_path_database, shortcut, solve_path
 from guided_gym.train.specs import EvaluationSettings, GuidanceSpec, fingerprint, settings_content

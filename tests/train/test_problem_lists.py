@@ -7,14 +7,13 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from guided_gym.draws import problem_of_seed
-from guided_gym.envs.catalogue import make_distribution
-from guided_gym.envs.next_mazes import ENVIRONMENT_VARIABLE, benchmark_options
+from guided_gym.catalogue.next_mazes import ENVIRONMENT_VARIABLE, benchmark_options
+from guided_gym.catalogue.splits import problem_seed
+from guided_gym.catalogue.table import make_distribution
 from guided_gym.errors import StorageError
-from guided_gym.search import guided_search
-from guided_gym.splits import problem_seed
+from guided_gym.planning import guided_search
 from guided_gym.train.evaluation import evaluate
-from guided_gym.train.specs import EvaluationSettings, problem_of
+from guided_gym.train.specs import EvaluationSettings
 
 
 def test_a_split__is_evaluated_on_its_own_problems() -> None:
@@ -22,8 +21,8 @@ def test_a_split__is_evaluated_on_its_own_problems() -> None:
     whole = make_distribution(name)
     runs = evaluate(f"{name}@test", "rrt", seeds=2, settings=EvaluationSettings(max_samples=40)).runs
     for k, run in enumerate(runs):
-        problem = problem_of(make_distribution(f"{name}@test"), k)
-        assert problem.fingerprint == problem_of_seed(whole, problem_seed("test", k)).fingerprint
+        problem = make_distribution(f"{name}@test").problem(k)
+        assert problem.fingerprint == whole.problem(problem_seed("test", k)).fingerprint
         result = guided_search(problem, "rrt", seed=k, max_samples=40)
         assert run.samples == result.samples
 
@@ -39,7 +38,7 @@ def test_a_benchmark_file__is_evaluated_in_its_order(tmp_path: Path, monkeypatch
     settings = EvaluationSettings(max_samples=2000, step=0.1, goal_tolerance=0.05, goal_edge=False)
     runs = evaluate("NextPoint", "rrt", seeds=3, settings=settings).runs
     for k, run in enumerate(runs):
-        problem = problem_of(make_distribution("NextPoint"), k)
+        problem = make_distribution("NextPoint").problem(k)
         assert problem.task.start.tolist() == starts[k].tolist()
         result = guided_search(problem, "rrt", seed=k, max_samples=2000, options=benchmark_options(0.1))
         assert run.samples == result.samples > 0

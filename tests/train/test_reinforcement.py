@@ -18,12 +18,11 @@ pytest.importorskip("torch")
 pytest.importorskip("sb3_contrib")
 
 from guided_gym import guided_search
-from guided_gym.agents import weights
-from guided_gym.agents.rules import LearnedRule
-from guided_gym.draws import problem_of_seed
 from guided_gym.envs import make_distribution
 from guided_gym.errors import InvalidInputError, StorageError, UnknownNameError
-from guided_gym.guidance import Hybrid
+from guided_gym.guidance.hybrid import Hybrid
+from guided_gym.guidance.learned import weights
+from guided_gym.guidance.learned.rule import LearnedRule
 from guided_gym.train.checkpoints import CHECKPOINT_FILE
 from guided_gym.train.cli import app
 from guided_gym.train.hybrid_rule import HybridConfig, train_hybrid
@@ -49,7 +48,7 @@ def finished(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 def test_the_rule_guides_a_hybrid_and_its_card_says_how_it_came_about(finished):
     rule = LearnedRule(finished / "agent")
-    problem = problem_of_seed(make_distribution("RandomTrapCup"), 0)
+    problem = make_distribution("RandomTrapCup").problem(0)
     assert guided_search(problem, Hybrid(rule.guides, rule=rule), seed=0, max_samples=20).samples <= 20
     assert rule.model.card["training"]["environments"] == ["TrapCup"]
     assert [row["steps"] for row in rule.model.card["metrics"]["history"]] == [0, 32, 64]

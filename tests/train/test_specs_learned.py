@@ -8,7 +8,7 @@ from pathlib import Path
 
 import pytest
 
-from guided_gym.agents import field, scorer, weights
+from guided_gym.guidance.learned import field, scorer, weights
 from guided_gym.train.specs import EvaluationSettings, GuidanceSpec, settings_content
 
 

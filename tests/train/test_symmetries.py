@@ -8,11 +8,11 @@ import shapely
 
 torch = pytest.importorskip("torch")
 
-from guided_gym.agents.field import FieldArchitecture, FieldModel, decoder_input, plain_tensors  # noqa: E402
-from guided_gym.environment import Environment  # noqa: E402
-from guided_gym.pose_grid import PoseGrid  # noqa: E402
+from guided_gym.geometry.environment import Environment  # noqa: E402
+from guided_gym.geometry.robots import Robot  # noqa: E402
+from guided_gym.guidance.learned.field import FieldArchitecture, FieldModel, decoder_input, plain_tensors  # noqa: E402
+from guided_gym.guidance.solvers.wave import PoseGrid  # noqa: E402
 from guided_gym.problems import Problem, Task  # noqa: E402
-from guided_gym.robots import Robot  # noqa: E402
 from guided_gym.train.symmetries import SYMMETRIES, Symmetry, turned, turned_back  # noqa: E402
 
 ARCHITECTURE = FieldArchitecture(cells=24, headings=8)

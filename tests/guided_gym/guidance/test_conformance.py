@@ -13,13 +13,16 @@ import numpy as np
 import pytest
 
 from guided_gym import guidance as guiding
-from guided_gym.environment import Environment
 from guided_gym.errors import InvalidInputError, UnknownNameError
-from guided_gym.guidance import GuidingSpace, guidance_names, make_guidance, register_guidance
-from guided_gym.path_library import PathLibrary
+from guided_gym.geometry.environment import Environment
+from guided_gym.geometry.robots import Robot
+from guided_gym.guidance.base import GuidingSpace
+from guided_gym.guidance.registry import guidance_names, make_guidance, register_guidance
+from guided_gym.planning import guided_search
 from guided_gym.problems import Problem, Task
-from guided_gym.robots import Robot
-from guided_gym.search import Search, guided_search, streams
+from guided_gym.randomness import streams
+from guided_gym.search.search import Search
+from guided_gym.storage.path_library import PathLibrary
 
 Walled = Callable[[str], Problem]
 Make = Callable[..., GuidingSpace]

@@ -9,10 +9,13 @@ import numpy as np
 import pytest
 
 from guided_gym.errors import InvalidInputError
-from guided_gym.guidance import PRM, LazyPRM, make_guidance
-from guided_gym.guidance.roadmap import Roadmap
+from guided_gym.guidance.environment_modification import PRM, LazyPRM
+from guided_gym.guidance.registry import make_guidance
+from guided_gym.guidance.solvers.roadmap import Roadmap
+from guided_gym.planning import guided_search
 from guided_gym.problems import Problem
-from guided_gym.search import Search, guided_search, streams
+from guided_gym.randomness import streams
+from guided_gym.search.search import Search
 
 Walled = Callable[[str], Problem]
 

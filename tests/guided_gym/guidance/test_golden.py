@@ -14,12 +14,13 @@ import numpy as np
 import pytest
 import shapely
 
-from guided_gym.environment import Environment
-from guided_gym.guidance import GuidingSpace, guidance_names, make_guidance
-from guided_gym.path_library import PathLibrary
+from guided_gym.geometry.environment import Environment
+from guided_gym.geometry.robots import Robot
+from guided_gym.guidance.base import GuidingSpace
+from guided_gym.guidance.registry import guidance_names, make_guidance
+from guided_gym.planning import guided_search
 from guided_gym.problems import Problem, Task
-from guided_gym.robots import Robot
-from guided_gym.search import guided_search
+from guided_gym.storage.path_library import PathLibrary
 
 FOLDER = Path(__file__).parent / "golden"
 NODES, SAMPLES, SEED = 60, 120, 7

@@ -8,9 +8,15 @@ import numpy as np
 import pytest
 
 from guided_gym.errors import InvalidInputError, UnknownNameError
-from guided_gym.guidance import GoalDistance, Hybrid, LazyPRM, MedialAxis, Uninformed, make_guidance
+from guided_gym.guidance.cells import GoalDistance, Uninformed
+from guided_gym.guidance.environment_modification import LazyPRM
+from guided_gym.guidance.hybrid import Hybrid
+from guided_gym.guidance.registry import make_guidance
+from guided_gym.guidance.robot_modification import MedialAxis
+from guided_gym.planning import guided_search
 from guided_gym.problems import Problem
-from guided_gym.search import Expansion, Search, guided_search, streams
+from guided_gym.randomness import streams
+from guided_gym.search.search import Expansion, Search
 
 Walled = Callable[[str], Problem]
 

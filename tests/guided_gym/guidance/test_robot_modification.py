@@ -8,12 +8,13 @@ import networkx as nx
 import numpy as np
 import pytest
 
-from guided_gym.environment import Environment
 from guided_gym.errors import InvalidInputError
-from guided_gym.guidance import MedialAxis
+from guided_gym.geometry.environment import Environment
+from guided_gym.geometry.robots import Robot
+from guided_gym.guidance.robot_modification import MedialAxis
 from guided_gym.problems import Problem, Task
-from guided_gym.robots import Robot
-from guided_gym.search import Search, streams
+from guided_gym.randomness import streams
+from guided_gym.search.search import Search
 
 Walled = Callable[[str], Problem]
 

@@ -10,13 +10,16 @@ import shapely
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from guided_gym.environment import Environment
-from guided_gym.envs.catalogue import make_distribution
+from guided_gym.catalogue.table import make_distribution
 from guided_gym.errors import InvalidInputError
-from guided_gym.guidance import Wavefront, make_guidance
+from guided_gym.geometry.environment import Environment
+from guided_gym.geometry.robots import Robot
+from guided_gym.guidance.registry import make_guidance
+from guided_gym.guidance.wavefront import Wavefront
+from guided_gym.planning import SearchResult, guided_search
 from guided_gym.problems import Problem, Task
-from guided_gym.robots import Robot
-from guided_gym.search import NO_NODE, Expansion, Search, SearchResult, guided_search, streams
+from guided_gym.randomness import streams
+from guided_gym.search.search import NO_NODE, Expansion, Search
 
 Walled = Callable[[str], Problem]
 

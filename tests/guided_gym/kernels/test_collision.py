@@ -9,10 +9,10 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from numba import njit, typeof
 
-from guided_gym.environment import Environment
+from guided_gym.geometry.environment import Environment
+from guided_gym.geometry.robots import Robot
+from guided_gym.geometry.space import ConfigurationSpace
 from guided_gym.kernels import collision
-from guided_gym.robots import Robot
-from guided_gym.space import ConfigurationSpace
 
 ROOM = Environment((0, 0, 10, 10), (shapely.box(4, 4, 6, 6),))
 ROBOTS = [

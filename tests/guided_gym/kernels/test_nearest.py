@@ -10,7 +10,7 @@ from numba import njit
 
 from guided_gym.errors import InvalidInputError
 from guided_gym.kernels import nearest as kernel
-from guided_gym.kernels.nearest import GrowingIndex
+from guided_gym.structures.nearest import GrowingIndex
 
 SE2 = ([1.0, 1.0, 0.5], [0.0, 0.0, 2 * np.pi])
 

@@ -10,7 +10,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from guided_gym.errors import InvalidInputError
-from guided_gym.kernels.segments import SegmentIndex
+from guided_gym.structures.segments import SegmentIndex
 
 SE2 = (np.array([1.0, 1.0, 0.54]), np.array([0.0, 0.0, 2 * np.pi]))
 

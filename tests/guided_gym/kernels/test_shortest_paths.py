@@ -12,11 +12,7 @@ from scipy.sparse import csr_array
 from scipy.sparse.csgraph import dijkstra
 
 from guided_gym.errors import InvalidInputError
-from guided_gym.kernels.shortest_paths import (
-    ShortestPathTree,
-    graph_from_edges,
-    nearest_graph,
-)
+from guided_gym.structures.shortest_paths import ShortestPathTree, graph_from_edges, nearest_graph
 
 SE2 = (np.array([1.0, 1.0, 0.54]), np.array([0.0, 0.0, 2 * np.pi]))
 

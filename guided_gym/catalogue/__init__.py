@@ -1,0 +1,1 @@
+"""Problems and distributions: the paper's, more to learn from, splits, and yours."""

@@ -1,0 +1,131 @@
+"""Distributions over problems: a seed is one problem, everywhere."""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from collections.abc import Callable
+from typing import Final
+
+import numpy as np
+
+from guided_gym.checks import integer
+from guided_gym.errors import NoPathError
+from guided_gym.measure.oracle import oracle_for
+from guided_gym.problems import Problem
+from guided_gym.randomness import streams
+
+TRIES: Final = 100
+
+
+class ProblemDistribution(ABC):
+    """A distribution D over problems, indexed by seed: the same seed is the same problem everywhere.
+
+    A subclass writes `sample`; `draw` and `problem` pass over what cannot be measured.
+
+    Attributes:
+        name: What tables, databases and figures call it.
+        fixed: True when every seed gives one and the same problem.
+        summary: One line for lists of problems.
+    """
+
+    name: str
+    fixed: bool = False
+    summary: str = ""
+
+    @abstractmethod
+    def sample(self, rng: np.random.Generator) -> Problem:
+        """Draw one problem M ~ D, whether it has a path or not."""
+
+    def draw(
+        self, rng: np.random.Generator, tolerance: float | None = None, by_edge: bool | None = None
+    ) -> Problem:
+        """The next problem that has a path, and that is not solved before it begins.
+
+        Args:
+            rng: Source of the draws.
+            tolerance: Another rule of when the goal is reached than the problem's, see `Problem.ending`.
+            by_edge: Likewise.
+
+        Raises:
+            NoPathError: None of `TRIES` draws was fit.
+        """
+        cause: NoPathError | None = None
+        for _ in range(TRIES):
+            problem = self.sample(rng).ending(tolerance, by_edge)
+            if problem.begins_solved:
+                continue
+            try:
+                oracle_for(problem.space, problem.task.goal, start=problem.task.start)
+            except NoPathError as error:
+                cause = error
+                continue
+            return problem
+        raise NoPathError(
+            f"{self.name}: expected a problem that has a path and needs a search, got none in {TRIES} draws"
+        ) from cause
+
+    def problem(self, seed: int, tolerance: float | None = None, by_edge: bool | None = None) -> Problem:
+        """The problem of one seed: the one that ``env.reset(seed=seed)`` poses, with the same rule of ending.
+
+        Raises:
+            InvalidInputError: The seed is no integer >= 0.
+            NoPathError: No problem with a path could be drawn.
+        """
+        return self.draw(streams(integer("seed", seed, least=0))[0], tolerance, by_edge)
+
+
+class FixedProblem(ProblemDistribution):
+    """The distribution that always gives one problem."""
+
+    fixed = True
+
+    def __init__(self, problem: Problem, summary: str = "") -> None:
+        self.name = problem.name
+        self.summary = summary
+        self._problem = problem
+
+    def sample(self, rng: np.random.Generator) -> Problem:
+        """The problem; draws nothing from ``rng``."""
+        return self._problem
+
+    def draw(
+        self, rng: np.random.Generator, tolerance: float | None = None, by_edge: bool | None = None
+    ) -> Problem:
+        """The problem, whatever it is like."""
+        return self._problem.ending(tolerance, by_edge)
+
+
+class ProblemList(ProblemDistribution):
+    """A distribution over a numbered list of problems: seed k is problem k, modulo their number.
+
+    A problem asked for by its number is never drawn again, whatever it is like: benchmarks are such lists.
+    """
+
+    @abstractmethod
+    def __len__(self) -> int:
+        """Number of problems."""
+
+    @abstractmethod
+    def __getitem__(self, index: int) -> Problem:
+        """Problem number ``index``, 0 to ``len(self) - 1``."""
+
+    def sample(self, rng: np.random.Generator) -> Problem:
+        """One of the problems, each as likely."""
+        return self[int(rng.integers(len(self)))]
+
+    def problem(self, seed: int, tolerance: float | None = None, by_edge: bool | None = None) -> Problem:
+        """Problem number ``seed``, modulo their number."""
+        return self[integer("seed", seed, least=0) % len(self)].ending(tolerance, by_edge)
+
+
+class SampledProblems(ProblemDistribution):
+    """A distribution given by a function from a random generator to a problem."""
+
+    def __init__(self, name: str, draw: Callable[[np.random.Generator], Problem], summary: str = "") -> None:
+        self.name = name
+        self.summary = summary
+        self._draw = draw
+
+    def sample(self, rng: np.random.Generator) -> Problem:
+        """Draw one problem with ``draw``."""
+        return self._draw(rng)

@@ -1,0 +1,1 @@
+"""Processes and compiled code: worker pools, the cache of kernels, warming up."""

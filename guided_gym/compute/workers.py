@@ -1,0 +1,172 @@
+"""Worker processes for independent tasks: results as they come, clean stops."""
+
+from __future__ import annotations
+
+import concurrent.futures
+import contextlib
+import multiprocessing
+import multiprocessing.reduction
+import os
+import signal
+import threading
+from collections.abc import Callable, Iterable, Iterator
+from concurrent.futures.process import BrokenProcessPool
+from typing import Protocol, TypeVar
+
+from guided_gym.checks import integer
+from guided_gym.errors import GuidedGymError, InvalidInputError
+from guided_gym.measure.oracle_store import warn_before_workers, warn_no_more
+
+WORKER_DIED = (
+    "expected the worker processes to live, but one died (killed, out of memory, or started from a script "
+    "without `if __name__ == '__main__':`)"
+)
+
+_SECONDS_TO_STOP = 5.0  # that a pool without processes may take to notice
+
+T = TypeVar("T")
+R = TypeVar("R")
+
+_WINDOW_PER_WORKER = 2  # tasks handed out per worker: it never waits, and a stop drops few
+
+
+class MapTasks(Protocol):
+    """Applies a function to tasks; see `worker_pool`."""
+
+    def __call__(self, work: Callable[[T], R], tasks: Iterable[T]) -> Iterator[R]:
+        """Results of ``work`` on each task, as they are finished."""
+
+
+def map_tasks(
+    work: Callable[[T], R],
+    tasks: Iterable[T],
+    workers: int,
+    prepare: Callable[[], None] | None = None,
+) -> Iterator[R]:
+    """Results of ``work`` on each task, as they are finished; see `worker_pool` for the rest."""
+    with worker_pool(workers, prepare) as run:
+        yield from run(work, tasks)
+
+
+@contextlib.contextmanager
+def worker_pool(workers: int, prepare: Callable[[], None] | None = None) -> Iterator[MapTasks]:
+    """Worker processes that live as long as the context; it gives what maps functions over tasks.
+
+    The workers leave Ctrl-C to this process, are stopped when the context ends with an error, and end by
+    themselves when this process is killed.
+
+    Args:
+        workers: Processes; with 1, this one does the work, in order. More are spawned, not forked: a fork
+            copies the locks of threads that do not come along. What they run must be importable: a function
+            at the top level of a module, or a partial of one.
+        prepare: Called once in each process before any work, likewise importable.
+
+    Raises:
+        InvalidInputError: workers is not positive, or what they are to run is not importable.
+        GuidedGymError: A worker died.
+    """
+    if integer("workers", workers, least=1) == 1:
+        if prepare is not None:
+            prepare()
+        yield _in_order
+        return
+    pool = start_workers(workers, prepare)
+    try:
+        yield _Mapper(pool, workers * _WINDOW_PER_WORKER)
+        pool.shutdown()
+    except BrokenProcessPool as error:
+        raise GuidedGymError(f"{WORKER_DIED}; what was finished is kept") from error
+    except BaseException:
+        # Whoever pressed Ctrl-C does not want to wait for the tasks at hand.
+        stop_workers(pool)
+        raise
+
+
+def start_workers(
+    workers: int, prepare: Callable[[], None] | None = None
+) -> concurrent.futures.ProcessPoolExecutor:
+    """Worker processes as in `worker_pool`, for whoever hands out tasks and stops them by hand.
+
+    Raises:
+        InvalidInputError: workers is not positive, or ``prepare`` is not importable.
+    """
+    integer("workers", workers, least=1)
+    _check_importable(prepare)
+    warn_before_workers()
+    return concurrent.futures.ProcessPoolExecutor(
+        workers,
+        mp_context=multiprocessing.get_context("spawn"),
+        initializer=_start_worker,
+        initargs=(prepare,),
+    )
+
+
+def stop_workers(pool: concurrent.futures.ProcessPoolExecutor) -> None:
+    """End the processes of `start_workers` at once, whatever they are doing."""
+    # Public only from Python 3.14 on, as `terminate_workers`.
+    processes = list((getattr(pool, "_processes", None) or {}).values())
+    manager: threading.Thread | None = getattr(pool, "_executor_manager_thread", None)
+    results = getattr(pool, "_result_queue", None)
+    pool.shutdown(wait=False, cancel_futures=True)
+    for process in processes:
+        process.terminate()
+    if results is not None:
+        # Whoever reads a result that was cut off would wait for the rest as long as somebody could write it.
+        results._writer.close()
+    if manager is not None:
+        manager.join(_SECONDS_TO_STOP)  # else it may close, as Python ends, what Python is about to use
+
+
+def _in_order(work: Callable[[T], R], tasks: Iterable[T]) -> Iterator[R]:
+    return map(work, tasks)
+
+
+class _Mapper:
+    """Hands tasks to a pool, no more than ``window`` at a time."""
+
+    def __init__(self, pool: concurrent.futures.Executor, window: int) -> None:
+        self._pool = pool
+        self._window = window
+
+    def __call__(self, work: Callable[[T], R], tasks: Iterable[T]) -> Iterator[R]:
+        _check_importable(work)
+        queue = iter(tasks)
+        running: set[concurrent.futures.Future[R]] = set()
+        exhausted = False
+        while True:
+            while not exhausted and len(running) < self._window:
+                try:
+                    running.add(self._pool.submit(work, next(queue)))
+                except StopIteration:
+                    exhausted = True
+            if not running:
+                return
+            done, running = concurrent.futures.wait(running, return_when=concurrent.futures.FIRST_COMPLETED)
+            for future in done:
+                yield future.result()
+
+
+def _check_importable(function: Callable[..., object] | None) -> None:
+    try:
+        multiprocessing.reduction.ForkingPickler.dumps(function)
+    except Exception as error:  # pickle raises whatever the object does
+        raise InvalidInputError(
+            f"expected a function at the top level of a module for worker processes, "
+            f"got {function!r}: {error}"
+        ) from error
+
+
+def _start_worker(prepare: Callable[[], None] | None) -> None:
+    """Leave Ctrl-C, which a terminal sends to the workers too, to the parent; end when it is killed."""
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    threading.Thread(target=_end_with_parent, daemon=True).start()
+    warn_no_more()
+    if prepare is not None:
+        prepare()
+
+
+def _end_with_parent() -> None:
+    parent = multiprocessing.parent_process()
+    if parent is not None:
+        parent.join()
+        os._exit(1)  # nobody is left to hand results to; a worker would wait for work for ever

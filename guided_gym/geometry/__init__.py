@@ -1,0 +1,1 @@
+"""Robots, environments and the configuration spaces that they make."""

@@ -1,0 +1,163 @@
+"""The workspace: a rectangle with polygonal obstacles."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+import numpy.typing as npt
+import shapely
+from shapely.geometry.base import BaseGeometry
+
+from guided_gym.errors import InvalidInputError
+from guided_gym.geometry.convex import convex_pieces, pack
+from guided_gym.kernels import collision
+
+FloatArray = npt.NDArray[np.float64]
+Bounds = tuple[float, float, float, float]
+Ring = Sequence[Sequence[float]] | FloatArray
+
+
+@dataclass(frozen=True)
+class Environment:
+    """An environment E (paper, section "Preliminaries"): bounds not to leave, obstacles not to touch.
+
+    Attributes:
+        bounds: (xmin, ymin, xmax, ymax), length units.
+        obstacles: Polygons; they may have holes, overlap each other and stick out of the bounds.
+            Multi-polygons are taken apart. One polygon alone is one obstacle.
+
+    Raises:
+        InvalidInputError: Bounds that are not finite and ordered; an obstacle that is empty, non-finite,
+            self-intersecting, not a polygon or wholly outside the bounds.
+    """
+
+    bounds: Bounds
+    obstacles: tuple[shapely.Polygon, ...] = ()
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "bounds", _checked_bounds(self.bounds))
+        polygons: list[shapely.Polygon] = []
+        for number, obstacle in enumerate(_as_items("obstacles", self.obstacles, "polygons")):
+            polygons.extend(_checked_obstacle(number, obstacle, self.bounds))
+        object.__setattr__(self, "obstacles", tuple(polygons))
+
+    @classmethod
+    def from_polygons(cls, bounds: Sequence[float], rings: Iterable[Ring]) -> Environment:
+        """An environment from the corners (V, 2) of each obstacle, closed or not."""
+        polygons = []
+        for number, ring in enumerate(_as_items("rings", rings, "rings of corners")):
+            try:
+                corners = np.asarray(ring, dtype=np.float64)
+            except (TypeError, ValueError) as error:
+                raise InvalidInputError(
+                    f"obstacle {number}: corners must be numbers of shape (V, 2): {error}"
+                ) from None
+            if corners.ndim != 2 or corners.shape[1] != 2 or len(corners) < 3:
+                raise InvalidInputError(
+                    f"obstacle {number}: expected corners (V, 2) with V >= 3, got shape {corners.shape}"
+                )
+            if not np.isfinite(corners).all():  # shapely would warn first
+                raise InvalidInputError(f"obstacle {number}: expected finite corners, got NaN or infinity")
+            polygons.append(shapely.Polygon(corners))
+        return cls(_checked_bounds(bounds), tuple(polygons))
+
+    @property
+    def extent(self) -> float:
+        """Diagonal of the bounds (length)."""
+        xmin, ymin, xmax, ymax = self.bounds
+        return float(np.hypot(xmax - xmin, ymax - ymin))
+
+    @cached_property
+    def obstacle_union(self) -> shapely.Polygon | shapely.MultiPolygon:
+        """The union of the obstacles."""
+        return shapely.union_all(self.obstacles)
+
+    @cached_property
+    def free_space(self) -> shapely.Polygon | shapely.MultiPolygon:
+        """The bounds minus the obstacles: where a point robot may be."""
+        return shapely.box(*self.bounds).difference(self.obstacle_union)
+
+    @cached_property
+    def pieces(self) -> list[FloatArray]:
+        """Convex pieces (V, 2) that cover the obstacles exactly; they may overlap."""
+        return [piece for obstacle in self.obstacles for piece in convex_pieces(obstacle)]
+
+    @cached_property
+    def _point_geometry(self) -> collision.Geometry:
+        return pack([np.zeros((1, 2))], self.pieces, self.bounds, 1e-9 * self.extent)
+
+    def clearance(self, points: FloatArray | Sequence[float]) -> FloatArray:
+        """Distance from points (..., 2) to the nearest obstacle or bound: (...), 0 inside an obstacle."""
+        points = np.asarray(points, dtype=np.float64)
+        if points.ndim < 1 or points.shape[-1] != 2:
+            raise InvalidInputError(f"expected points of shape (..., 2), got shape {points.shape}")
+        flat = np.require(points.reshape(-1, 2), requirements=["C", "W"])
+        return collision.pose_clearances(flat, self._point_geometry).reshape(points.shape[:-1])
+
+    def raster(self, n: int) -> npt.NDArray[np.uint8]:
+        """Occupancy of n x n cells over the bounds: uint8 (n, n), 1 where a cell's centre is in an obstacle.
+
+        Row = y from the bottom up, column = x from left to right, so `raster[row, column]`. The array is a
+        fresh copy.
+
+        Raises:
+            InvalidInputError: n is not positive.
+        """
+        if n < 1:
+            raise InvalidInputError(f"a raster needs at least one cell a side, got {n!r}")
+        xmin, ymin, xmax, ymax = self.bounds
+        centres = (np.arange(n) + 0.5) / n
+        x, y = np.meshgrid(xmin + centres * (xmax - xmin), ymin + centres * (ymax - ymin))
+        occupied = np.zeros((n, n), dtype=np.uint8)
+        for obstacle in self.obstacles:
+            shapely.prepare(obstacle)
+            occupied |= shapely.intersects_xy(obstacle, x, y).astype(np.uint8)
+        return occupied
+
+
+def _as_items(what: str, values: object, kind: str) -> list[object]:
+    if isinstance(values, BaseGeometry):
+        return [values]
+    try:
+        return list(values)  # type: ignore[call-overload, no-any-return]
+    except TypeError:
+        raise InvalidInputError(f"{what}: expected a sequence of {kind}, got {values!r}") from None
+
+
+def _checked_bounds(bounds: Sequence[float]) -> Bounds:
+    try:
+        values = tuple(float(v) for v in bounds)
+    except (TypeError, ValueError):
+        values = ()
+    if (
+        len(values) != 4
+        or not np.isfinite(values).all()
+        or not (values[0] < values[2] and values[1] < values[3])
+    ):
+        raise InvalidInputError(
+            f"bounds must be finite (xmin, ymin, xmax, ymax) with xmin < xmax and ymin < ymax, got {bounds!r}"
+        )
+    return values
+
+
+def _checked_obstacle(number: int, obstacle: object, bounds: Bounds) -> list[shapely.Polygon]:
+    if not isinstance(obstacle, shapely.Polygon | shapely.MultiPolygon):
+        kind = getattr(obstacle, "geom_type", type(obstacle).__name__)
+        raise InvalidInputError(f"obstacle {number}: expected a Polygon or MultiPolygon, got {kind}")
+    if obstacle.is_empty:
+        raise InvalidInputError(f"obstacle {number}: expected a polygon with an area, got an empty one")
+    if not np.isfinite(shapely.get_coordinates(obstacle)).all():
+        raise InvalidInputError(f"obstacle {number}: expected finite coordinates, got NaN or infinity")
+    if not obstacle.is_valid:
+        raise InvalidInputError(
+            f"obstacle {number}: expected a simple polygon, got one with {shapely.is_valid_reason(obstacle)}"
+        )
+    if not obstacle.intersects(shapely.box(*bounds)):
+        raise InvalidInputError(
+            f"obstacle {number}: expected a polygon that meets the bounds {bounds}, got {obstacle.bounds}"
+        )
+    flat = shapely.force_2d(obstacle)
+    return list(flat.geoms) if isinstance(flat, shapely.MultiPolygon) else [flat]

@@ -1,0 +1,136 @@
+"""Rigid planar robots: an outline in the body frame, and whether it may turn."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from functools import cached_property
+
+import numpy as np
+import numpy.typing as npt
+import shapely
+
+from guided_gym.checks import number
+from guided_gym.errors import InvalidInputError
+from guided_gym.geometry.convex import convex_pieces
+
+FloatArray = npt.NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Robot:
+    """A rigid robot r (paper, section "Preliminaries") that moves in the plane.
+
+    Its configuration is (x, y) of the reference point if `dimension` is 2, and (x, y, theta) if it is 3. The
+    reference point is the origin of the body frame.
+
+    Attributes:
+        outline: Point, LineString or simple Polygon without holes, in the body frame.
+        dimension: 2 (translates only) or 3 (translates and turns).
+        name: For people; no part of the robot's identity.
+
+    Raises:
+        InvalidInputError: The outline is empty, non-finite, self-intersecting, has holes or is of another
+            kind, or the dimension is neither 2 nor 3.
+    """
+
+    outline: shapely.Point | shapely.LineString | shapely.Polygon
+    dimension: int = 3
+    name: str = field(default="robot", compare=False)
+
+    def __post_init__(self) -> None:
+        if self.dimension not in (2, 3):
+            raise InvalidInputError(
+                f"a planar robot's dimension is 2 (x, y) or 3 (x, y, theta), not {self.dimension!r}"
+            )
+        _check_outline(self.outline)
+        outline = shapely.force_2d(self.outline)
+        if isinstance(outline, shapely.Polygon):
+            outline = shapely.orient_polygons(outline)
+        object.__setattr__(self, "outline", outline)
+        if self.dimension == 3 and self.radius == 0.0:
+            raise InvalidInputError(
+                "a robot that turns (dimension 3) needs an outline beyond its reference point"
+            )
+
+    @classmethod
+    def point(cls) -> Robot:
+        """The point robot: configurations (x, y)."""
+        return cls(shapely.Point(0.0, 0.0), dimension=2, name="point")
+
+    @classmethod
+    def segment(cls, length: float) -> Robot:
+        """A thin rod of this length along the body's x axis, its reference point in the middle."""
+        half = 0.5 * _positive("length", length)
+        return cls(shapely.LineString([(-half, 0.0), (half, 0.0)]), name="segment")
+
+    @classmethod
+    def rectangle(cls, length: float, width: float) -> Robot:
+        """A rectangle, `length` along the body's x axis, its reference point in the middle."""
+        half_x, half_y = 0.5 * _positive("length", length), 0.5 * _positive("width", width)
+        return cls(shapely.box(-half_x, -half_y, half_x, half_y), name="rectangle")
+
+    @classmethod
+    def polygon(cls, coords: Sequence[Sequence[float]] | FloatArray, *, name: str = "polygon") -> Robot:
+        """A simple polygon, convex or not, given by its corners (V, 2) about the reference point (0, 0)."""
+        return cls(_polygon_of(coords), name=name)
+
+    @cached_property
+    def radius(self) -> float:
+        """Circumradius about the reference point (length)."""
+        return float(np.hypot(*shapely.get_coordinates(self.outline).T).max())
+
+    @cached_property
+    def pieces(self) -> list[FloatArray]:
+        """Convex pieces (V, 2) of the outline in the body frame."""
+        return convex_pieces(self.outline)
+
+    def placed(self, q: Sequence[float] | FloatArray) -> shapely.Point | shapely.LineString | shapely.Polygon:
+        """The robot's outline in the workspace at configuration q.
+
+        Raises:
+            InvalidInputError: q is not a finite array of shape (dimension,).
+        """
+        pose = np.asarray(q, dtype=np.float64)
+        if pose.shape != (self.dimension,) or not np.isfinite(pose).all():
+            raise InvalidInputError(
+                f"expected a finite configuration of shape ({self.dimension},), got {q!r}"
+            )
+        theta = float(pose[2]) if self.dimension == 3 else 0.0
+        c, s = np.cos(theta), np.sin(theta)
+        rotation = np.array([[c, s], [-s, c]])
+        return shapely.transform(self.outline, lambda points: points @ rotation + pose[:2])
+
+
+def _positive(what: str, value: float) -> float:
+    return number(f"a robot's {what}", value, above=0)
+
+
+def _polygon_of(coords: Sequence[Sequence[float]] | FloatArray) -> shapely.Polygon:
+    try:
+        corners = np.asarray(coords, dtype=np.float64)
+    except (TypeError, ValueError) as error:
+        raise InvalidInputError(f"a polygon's corners must be numbers of shape (V, 2): {error}") from None
+    if corners.ndim != 2 or corners.shape[1] != 2 or len(corners) < 3:
+        raise InvalidInputError(
+            f"a polygon needs corners of shape (V, 2) with V >= 3, got shape {corners.shape}"
+        )
+    if not np.isfinite(corners).all():
+        raise InvalidInputError("a polygon's corners must be finite, got NaN or infinity")
+    return shapely.Polygon(corners)
+
+
+def _check_outline(outline: object) -> None:
+    if not isinstance(outline, shapely.Point | shapely.LineString | shapely.Polygon):
+        kind = getattr(outline, "geom_type", type(outline).__name__)
+        raise InvalidInputError(f"a robot's outline is a Point, LineString or Polygon, not {kind}")
+    if outline.is_empty:
+        raise InvalidInputError("a robot's outline must not be empty")
+    if not np.isfinite(shapely.get_coordinates(outline)).all():
+        raise InvalidInputError("a robot's outline must have finite coordinates, got NaN or infinity")
+    if not outline.is_valid:
+        raise InvalidInputError(
+            f"a robot's outline must be a simple shape: {shapely.is_valid_reason(outline)}"
+        )
+    if isinstance(outline, shapely.Polygon) and len(outline.interiors):
+        raise InvalidInputError(f"a robot's outline must have no holes, got {len(outline.interiors)}")

@@ -1,0 +1,238 @@
+"""The configuration space of a rigid robot in an environment."""
+
+from __future__ import annotations
+
+import hashlib
+import math
+from collections.abc import Sequence
+
+import numpy as np
+import numpy.typing as npt
+import shapely
+
+from guided_gym.checks import instance, number
+from guided_gym.errors import InvalidInputError
+from guided_gym.geometry.convex import pack
+from guided_gym.geometry.environment import Environment
+from guided_gym.geometry.robots import Robot
+from guided_gym.kernels import collision
+from guided_gym.kernels.metric import Metric
+
+FloatArray = npt.NDArray[np.float64]
+BoolArray = npt.NDArray[np.bool_]
+Configurations = FloatArray | Sequence[float] | Sequence[Sequence[float]]
+
+RELATIVE_TOLERANCE = 1e-6
+"""Default collision tolerance, relative to the diagonal of the bounds."""
+
+_SMALLEST_TOLERANCE = 1e-10
+"""Tolerance relative to the largest coordinate below which rounding could turn a contact into "free"."""
+
+
+class ConfigurationSpace:
+    """The configuration space C of a robot in an environment, with its metric and its collision checks.
+
+    Configurations are float64 arrays (d,), or (n, d) in batches: (x, y) or (x, y, theta), theta in [-pi, pi)
+    and periodic. The metric is d(a, b)^2 = |dp|^2 + (w dtheta)^2 with the angle the short way round.
+
+    A pose is valid iff a line keeps each convex piece of the robot more than `tolerance` away from each
+    obstacle piece and the robot lies inside the bounds by as much. Motions are certified, never sampled.
+
+    Attributes:
+        robot: The robot r.
+        environment: The environment E.
+        dimension: d.
+        lower: (d,) smallest value of each coordinate.
+        upper: (d,) largest value (exclusive for the angle).
+        periods: (d,) period of each coordinate, 0 where it has none.
+        weights: (d,) factor of each coordinate in the metric: 1 for positions, w (length per radian) for the
+            angle.
+        metric: Weights and periods, as the kernels take them.
+        extent: Diagonal of the bounds (length).
+        tolerance: Gap up to which poses count as colliding (length).
+        geometry: What the kernels in `guided_gym.kernels.collision` take.
+    """
+
+    def __init__(
+        self,
+        robot: Robot,
+        environment: Environment,
+        rotation_weight: float | None = None,
+        tolerance: float | None = None,
+    ) -> None:
+        """Build the space.
+
+        Args:
+            robot: The robot.
+            environment: The environment.
+            rotation_weight: w, length per radian; the robot's circumradius by default.
+            tolerance: Collision tolerance (length); 1e-6 of the diagonal of the bounds by default.
+
+        Raises:
+            InvalidInputError: No robot or environment, a weight or tolerance that is not positive and finite,
+                or a tolerance so small beside the coordinates that rounding would matter.
+        """
+        instance("robot", robot, Robot)
+        instance("environment", environment, Environment)
+        self.robot = robot
+        self.environment = environment
+        self.dimension = robot.dimension
+        self.extent = environment.extent
+        xmin, ymin, xmax, ymax = environment.bounds
+        turns = self.dimension == 3
+        weight = robot.radius if rotation_weight is None else rotation_weight
+        if turns:
+            weight = number("rotation_weight", weight, above=0)
+        angles = slice(0, 3 if turns else 2)
+        self.lower = _frozen([xmin, ymin, -math.pi][angles])
+        self.upper = _frozen([xmax, ymax, math.pi][angles])
+        self.periods = _frozen([0.0, 0.0, 2.0 * math.pi][angles])
+        self.weights = _frozen([1.0, 1.0, float(weight)][angles])
+        self.metric = Metric(self.weights, self.periods)
+        self.tolerance = _checked_tolerance(tolerance, robot, environment)
+        self.geometry: collision.Geometry = pack(
+            robot.pieces, environment.pieces, environment.bounds, self.tolerance
+        )
+
+    def __setstate__(self, state: dict[str, object]) -> None:
+        """Unpickled arrays are writable; ours are not, and the kernels would compile for both."""
+        for name, value in state.items():
+            if isinstance(value, np.ndarray):
+                value.flags.writeable = False
+            setattr(self, name, value)
+        self.metric = Metric(self.weights, self.periods)
+
+    def __repr__(self) -> str:
+        obstacles = len(self.environment.obstacles)
+        return f"ConfigurationSpace({self.robot.name}, {obstacles} obstacles, d={self.dimension})"
+
+    def difference(self, a: Configurations, b: Configurations) -> FloatArray:
+        """Return b - a, the short way round in periodic coordinates: broadcasts over leading axes, (..., d).
+
+        Antisymmetric to the last bit; half a turn keeps the sign of b - a.
+        """
+        change: FloatArray = self._many(b) - self._many(a)
+        if self.dimension == 3:
+            change[..., 2] -= 2.0 * math.pi * np.rint(change[..., 2] / (2.0 * math.pi))
+        return change
+
+    def distance(self, a: Configurations, b: Configurations) -> FloatArray:
+        """Distance d_C of the metric, broadcasting over leading axes (length)."""
+        change = self.difference(a, b) * self.weights
+        lengths: FloatArray = np.sqrt(np.einsum("...i,...i->...", change, change))
+        return lengths
+
+    def interpolate(self, a: Configurations, b: Configurations, t: float | FloatArray) -> FloatArray:
+        """Configurations at fractions t of the straight motion a -> b: leading axes of t, a, b, then (d,)."""
+        fractions = np.asarray(t, dtype=np.float64)[..., None]
+        return self.wrap(self._many(a) + fractions * self.difference(a, b))
+
+    def wrap(self, q: Configurations) -> FloatArray:
+        """A copy of q with the angle in [-pi, pi)."""
+        wrapped = self._many(q).copy()
+        if self.dimension == 3:
+            angle = wrapped[..., 2]
+            turned = angle - 2.0 * math.pi * np.floor((angle + math.pi) / (2.0 * math.pi))
+            inside = (angle >= -math.pi) & (angle < math.pi)
+            # Rounding may leave the turned angle a hair outside: put it on the closed end.
+            turned = np.where((turned >= math.pi) | (turned < -math.pi), -math.pi, turned)
+            wrapped[..., 2] = np.where(inside, angle, turned)
+        return wrapped
+
+    def sample(self, rng: np.random.Generator, n: int) -> FloatArray:
+        """Draw n configurations (n, d), uniform over the bounds and the circle; not checked for validity."""
+        return self.lower + rng.random((n, self.dimension)) * (self.upper - self.lower)
+
+    def valid(self, q: Configurations) -> BoolArray | bool:
+        """Whether configurations are collision-free and within bounds: (n, d) -> (n,), one (d,) -> bool.
+
+        Non-finite configurations (and angles beyond 1e4) are not valid.
+        """
+        if np.ndim(q) == 1:
+            return bool(collision.pose_free(self._one(q), self.geometry))
+        return collision.poses_free(self._batch(q), self.geometry)
+
+    def clearance(self, q: Configurations) -> FloatArray | float:
+        """Distance from the robot to the nearest obstacle or bound, 0 where invalid: (n, d) -> (n,)."""
+        if np.ndim(q) == 1:
+            return float(collision.pose_clearance(self._one(q), self.geometry))
+        return collision.pose_clearances(self._batch(q), self.geometry)
+
+    def motion_free(self, a: Configurations, b: Configurations) -> bool:
+        """Whether the straight motion a -> b is certified free: never wrongly True; the same as b -> a."""
+        return bool(collision.motion_free(self._one(a), self._one(b), self.geometry))
+
+    def motions_free(self, starts: Configurations, ends: Configurations) -> BoolArray:
+        """`motion_free` for each pair of rows: (n, d), (n, d) -> (n,)."""
+        starts, ends = self._pairs(starts, ends)
+        return collision.motions_free(starts, ends, self.geometry)
+
+    def first_contact(self, a: Configurations, b: Configurations) -> float:
+        """Certified free fraction of the motion a -> b: every pose up to it is valid; 1.0 = all of it."""
+        return float(collision.motion_fraction(self._one(a), self._one(b), self.geometry))
+
+    def first_contacts(self, starts: Configurations, ends: Configurations) -> FloatArray:
+        """`first_contact` for each pair of rows: (n, d), (n, d) -> (n,)."""
+        starts, ends = self._pairs(starts, ends)
+        return collision.motion_fractions(starts, ends, self.geometry)
+
+    def fingerprint(self) -> str:
+        """SHA-256 (hex) of all that decides distances and collisions (not names), stable across processes."""
+        digest = hashlib.sha256(b"guided-gym configuration space 1\n")
+        numbers = [self.dimension, self.tolerance, *self.environment.bounds, *self.weights]
+        digest.update(np.array(numbers, dtype="<f8").tobytes())
+        for shape in (self.robot.outline, *self.environment.obstacles):
+            body = shapely.to_wkb(shape, byte_order=1, include_srid=False)
+            digest.update(len(body).to_bytes(8, "little") + body)
+        return digest.hexdigest()
+
+    def _one(self, q: Configurations) -> FloatArray:
+        """One configuration as the kernels want it: a writable C array, for others would recompile them."""
+        if not (type(q) is np.ndarray and q.dtype == np.float64 and q.flags.carray):
+            q = np.array(q, dtype=np.float64)
+        if q.shape != (self.dimension,):
+            raise InvalidInputError(
+                f"expected a configuration of shape ({self.dimension},), got shape {q.shape}"
+            )
+        return q
+
+    def _batch(self, q: Configurations) -> FloatArray:
+        batch = np.require(q, dtype=np.float64, requirements=["C", "W"])
+        if batch.ndim != 2 or batch.shape[1] != self.dimension:
+            raise InvalidInputError(
+                f"expected configurations of shape (n, {self.dimension}), got shape {batch.shape}"
+            )
+        return batch
+
+    def _pairs(self, starts: Configurations, ends: Configurations) -> tuple[FloatArray, FloatArray]:
+        starts, ends = self._batch(starts), self._batch(ends)
+        if len(starts) != len(ends):
+            raise InvalidInputError(f"expected as many starts as ends, got {len(starts)} and {len(ends)}")
+        return starts, ends
+
+    def _many(self, q: Configurations) -> FloatArray:
+        many = np.asarray(q, dtype=np.float64)
+        if many.ndim < 1 or many.shape[-1] != self.dimension:
+            raise InvalidInputError(
+                f"expected configurations of shape (..., {self.dimension}), got shape {many.shape}"
+            )
+        return many
+
+
+def _frozen(values: list[float]) -> FloatArray:
+    array = np.array(values, dtype=np.float64)
+    array.flags.writeable = False
+    return array
+
+
+def _checked_tolerance(tolerance: float | None, robot: Robot, environment: Environment) -> float:
+    value = RELATIVE_TOLERANCE * environment.extent if tolerance is None else float(tolerance)
+    coordinates = [abs(v) for v in environment.bounds] + [robot.radius]
+    coordinates += [float(np.abs(piece).max()) for piece in environment.pieces]
+    smallest = _SMALLEST_TOLERANCE * max(coordinates)
+    if not (math.isfinite(value) and value >= smallest):
+        raise InvalidInputError(
+            f"the tolerance must be finite and at least {smallest:.3g} (for coordinates up to "
+            f"{max(coordinates):.6g}), got {value!r}"
+        )
+    return value

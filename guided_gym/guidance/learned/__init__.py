@@ -1,0 +1,1 @@
+"""Learned guidance: networks on numpy, their files, and the guiding spaces that they make."""

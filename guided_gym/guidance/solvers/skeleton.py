@@ -1,0 +1,128 @@
+"""The medial axis of the free workspace, from the Voronoi diagram of its boundary."""
+
+from __future__ import annotations
+
+import itertools
+from functools import lru_cache
+
+import networkx as nx
+import numpy as np
+import shapely
+from numpy.typing import NDArray
+
+from guided_gym.errors import InvalidInputError
+from guided_gym.geometry.environment import Environment
+
+_SAMPLES_PER_DIAGONAL = 200  # boundary samples along a line as long as the workspace's diagonal
+_PRUNE = 1.5  # a dead end nearer to the boundary than this many sample spacings is an artefact of sampling
+
+
+@lru_cache(maxsize=64)
+def skeleton_graph(environment: Environment) -> nx.Graph:
+    """The medial axis as a networkx graph: ``pos`` (x, y) and ``clearance`` per vertex, ``length`` per edge.
+
+    Vertices of the Voronoi diagram of samples of the boundary, joined where the Voronoi edge lies in the
+    free space; dead ends that run into the boundary (into corners, and between samples) are pruned.
+
+    Raises:
+        InvalidInputError: The free workspace is too small for a skeleton.
+    """
+    free = environment.free_space
+    spacing = environment.extent / _SAMPLES_PER_DIAGONAL
+    boundary = shapely.segmentize(free.boundary, spacing)
+    sites = shapely.MultiPoint(np.unique(shapely.get_coordinates(boundary), axis=0))
+    cells = shapely.voronoi_polygons(sites, only_edges=True)
+    lines = shapely.get_parts(cells)
+    if shapely.get_type_id(lines[0]) != shapely.GeometryType.LINESTRING:
+        lines = shapely.get_parts(lines)
+    coords = shapely.get_coordinates(lines)
+    offsets = np.concatenate([[0], np.cumsum(shapely.get_num_coordinates(lines))])
+    inner = np.setdiff1d(np.arange(len(coords) - 1), offsets[1:-1] - 1)
+    tails, heads = coords[inner], coords[inner + 1]
+    shapely.prepare(free)
+    inside = shapely.contains_properly(free, shapely.linestrings(np.stack([tails, heads], axis=1)))
+    tails, heads = tails[inside], heads[inside]
+    return _pruned(_graph_of(tails, heads, environment), _PRUNE * spacing)
+
+
+def _graph_of(tails: NDArray[np.float64], heads: NDArray[np.float64], environment: Environment) -> nx.Graph:
+    digits = 9 - int(np.ceil(np.log10(max(environment.extent, 1e-300))))
+    keys = np.round(np.concatenate([tails, heads]), digits)
+    points, ids = np.unique(keys, axis=0, return_inverse=True)
+    ids = ids.ravel()
+    graph = nx.Graph()
+    clearance = environment.clearance(points) if len(points) else np.zeros(0)
+    for i, (p, c) in enumerate(zip(points.tolist(), clearance, strict=True)):
+        graph.add_node(i, pos=(p[0], p[1]), clearance=float(c))
+    pairs = ids.reshape(2, -1).T
+    lengths = np.hypot(*(heads - tails).T)
+    for (a, b), length in zip(pairs.tolist(), lengths.tolist(), strict=True):
+        if a != b:
+            graph.add_edge(a, b, length=length)
+    return graph
+
+
+def _pruned(graph: nx.Graph, reach: float) -> nx.Graph:
+    """Shorten dead ends until they end ``reach`` away from the boundary, or are gone."""
+    leaves = [v for v in graph if graph.degree(v) <= 1]
+    while leaves:
+        v = leaves.pop()
+        if v not in graph or graph.degree(v) > 1 or graph.nodes[v]["clearance"] >= reach:
+            continue
+        neighbours = list(graph[v])
+        graph.remove_node(v)
+        leaves.extend(u for u in neighbours if graph.degree(u) <= 1)
+    if graph.number_of_edges() == 0:
+        raise InvalidInputError("the free workspace is too small for a medial axis: no skeleton edge is left")
+    return graph
+
+
+@lru_cache(maxsize=64)
+def medial_axis(environment: Environment, spacing: float) -> tuple[NDArray[np.float64], NDArray[np.int32]]:
+    """The skeleton as arrays, its branches cut into edges of about ``spacing``.
+
+    Returns:
+        (v, 2) vertices and (m, 2) int32 edges.
+    """
+    graph = skeleton_graph(environment)
+    position = {v: np.array(p) for v, p in graph.nodes(data="pos")}
+    corners = {v for v in graph if graph.degree(v) != 2}
+    for component in nx.connected_components(graph):
+        if not corners & component:  # a loop: cut it anywhere
+            corners.add(min(component))
+    points: list[NDArray[np.float64]] = []
+    ids: dict[int, int] = {}
+    edges: list[tuple[int, int]] = []
+
+    def vertex(v: int) -> int:
+        if v not in ids:
+            ids[v] = len(points)
+            points.append(position[v])
+        return ids[v]
+
+    for chain in _chains(graph, corners):
+        line = shapely.LineString([position[v] for v in chain])
+        parts = max(1, round(line.length / spacing))
+        ends = vertex(chain[0]), vertex(chain[-1])
+        inner = shapely.line_interpolate_point(line, np.arange(1, parts) / parts, normalized=True)
+        row = [ends[0], *range(len(points), len(points) + len(inner)), ends[1]]
+        points.extend(shapely.get_coordinates(inner))
+        edges.extend(itertools.pairwise(row))
+    kept = [(a, b) for a, b in edges if a != b]
+    return np.array(points), np.array(kept, np.int32).reshape(-1, 2)
+
+
+def _chains(graph: nx.Graph, corners: set[int]) -> list[list[int]]:
+    """Paths between corners through vertices of degree 2, each once."""
+    chains, seen = [], set()
+    for corner in sorted(corners):
+        for first in sorted(graph[corner]):
+            if (corner, first) in seen:
+                continue
+            chain = [corner, first]
+            while chain[-1] not in corners:
+                a, b = graph[chain[-1]]
+                chain.append(b if a == chain[-2] else a)
+            seen |= {(chain[0], chain[1]), (chain[-1], chain[-2])}
+            chains.append(chain)
+    return chains

@@ -1,0 +1,70 @@
+"""How a search expands and is measured: one object for planning, environments and evaluation."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from guided_gym.checks import flag, instance, integer, number
+from guided_gym.errors import InvalidInputError
+
+DEFAULT_CANDIDATES = 16
+
+
+@dataclass(frozen=True)
+class TargetParameters:
+    """Parameters of the target distribution Q (paper, Sampling Efficiency).
+
+    Attributes:
+        delta: Temperature of the suboptimality, in units of ``normalisation``.
+        tau: Temperature of the work remaining, in the same units.
+        epsilon: Smallest probability of a node under the smoothed target.
+        normalisation: ``"start"`` divides delta_v and tau_v by d_C(s, t); ``"tree"`` by the largest value
+            in the tree, each by its own.
+
+    Raises:
+        InvalidInputError: A temperature that is not positive, an epsilon outside [0, 1), another word.
+    """
+
+    delta: float = 0.1
+    tau: float = 0.1
+    epsilon: float = 1e-4
+    normalisation: str = "start"
+
+    def __post_init__(self) -> None:
+        for name in ("delta", "tau"):
+            number(name, getattr(self, name), above=0)
+        number("epsilon", self.epsilon, least=0, below=1)
+        if self.normalisation not in ("start", "tree"):
+            raise InvalidInputError(f"normalisation: expected 'start' or 'tree', got {self.normalisation!r}")
+
+
+DEFAULT_TARGET = TargetParameters()
+
+
+@dataclass(frozen=True)
+class SearchOptions:
+    """How a search expands and is measured; independent of who chooses the nodes.
+
+    Where a search ends is the task's business: see `Task`.
+
+    Attributes:
+        step: Radius of the local planner's ball; None for 5 % of the workspace's diagonal.
+        candidates: Members of N_C(v) that a guided expansion looks at.
+        rewire: RRT*-style: a new node takes the best parent within one step, then becomes one itself.
+        target: Parameters of the target distribution Q.
+
+    Raises:
+        InvalidInputError: A value of the wrong type or out of range.
+    """
+
+    step: float | None = None
+    candidates: int = DEFAULT_CANDIDATES
+    rewire: bool = False
+    target: TargetParameters = DEFAULT_TARGET
+
+    def __post_init__(self) -> None:
+        if self.step is not None:
+            number("step", self.step, above=0, what="length")
+        integer("candidates", self.candidates, least=1)
+        flag("rewire", self.rewire)
+        instance("target", self.target, TargetParameters)

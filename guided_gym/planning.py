@@ -1,0 +1,235 @@
+"""Guided search as one call: a problem, a guiding space, and what came of it (paper, Algorithm 1)."""
+
+from __future__ import annotations
+
+import math
+import time
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from guided_gym.checks import integer
+from guided_gym.guidance.base import GuidingSpace
+from guided_gym.guidance.registry import make_expander, make_guidance
+from guided_gym.measure.target import Measure, jensen_shannon, sampling_efficiency
+from guided_gym.options import SearchOptions
+from guided_gym.problems import Problem
+from guided_gym.randomness import streams
+from guided_gym.search.search import NO_NODE, Expansion, Proposer, Search
+from guided_gym.search.tree import SearchTree
+
+
+@dataclass(frozen=True)
+class Record:
+    """One row per sample of a search.
+
+    Attributes:
+        selected: (m,) int32 node chosen at each sample.
+        child: (m,) int32 new node, NO_NODE where the motion failed.
+        nodes: (m,) int32 size of the tree when the choice was made.
+        efficiency: (m,) SE of the choice, -log Q(u), in nats; NaN if the search was not measured.
+        divergence: (m,) D_KL(P || Q) of the guiding space's whole distribution; NaN if not asked for.
+        jensen_shannon: (m,) D_JS(P || Q), likewise.
+        best: (m,) -log max Q, the least SE that any choice could have had; NaN if not measured.
+    """
+
+    selected: NDArray[np.int32]
+    child: NDArray[np.int32]
+    nodes: NDArray[np.int32]
+    efficiency: NDArray[np.float64]
+    divergence: NDArray[np.float64]
+    jensen_shannon: NDArray[np.float64]
+    best: NDArray[np.float64]
+
+
+@dataclass(frozen=True, repr=False)
+class SearchResult:
+    """What `guided_search` returns.
+
+    Attributes:
+        problem: The problem that was searched.
+        options: How nodes were expanded, and what SE was measured by.
+        tree: The search tree, failed expansions included.
+        path: (k, d) certified path from start to goal, None if none was found.
+        record: One row per sample.
+        collision_checks: Motions checked.
+        seconds: Wall time of the search, oracle and metric excluded.
+        preparation: Wall time before it, in which the guiding space built its roadmap, queried its
+            database, or whatever it needs.
+    """
+
+    problem: Problem
+    options: SearchOptions
+    tree: SearchTree
+    path: NDArray[np.float64] | None
+    record: Record
+    collision_checks: int
+    seconds: float
+    preparation: float
+
+    @property
+    def solved(self) -> bool:
+        """Whether a path was found."""
+        return self.path is not None
+
+    @property
+    def samples(self) -> int:
+        """Number of samples drawn, failures included."""
+        return self.record.selected.size
+
+    @property
+    def total_efficiency(self) -> float:
+        """Sum of SE over the samples (0 after the search has finished)."""
+        return float(self.record.efficiency.sum())
+
+    @property
+    def efficiency_per_sample(self) -> float:
+        """Mean of SE over the samples; 0 where the start saw the goal and none was drawn."""
+        return self.total_efficiency / self.samples if self.samples else 0.0
+
+    @property
+    def length(self) -> float:
+        """Length of the path, in the space's distance; NaN if none was found."""
+        if self.path is None:
+            return math.nan
+        return float(self.tree.space.distance(self.path[:-1], self.path[1:]).sum())
+
+    def __repr__(self) -> str:
+        found = f"a path of length {self.length:.4g}" if self.solved else "no path"
+        total = self.total_efficiency
+        measured = "not measured" if math.isnan(total) else f"total SE {total:.4g} nats"
+        return f"SearchResult({found}, {self.samples} samples, {len(self.tree)} nodes, {measured})"
+
+
+def guided_search(
+    problem: Problem,
+    guidance: GuidingSpace | str,
+    *,
+    seed: int | None = None,
+    max_samples: int = 1000,
+    expansion: GuidingSpace | str | None = None,
+    options: SearchOptions | None = None,
+    measure: bool = True,
+    distributions: bool = False,
+    progress: Callable[[int], None] | None = None,
+) -> SearchResult:
+    """Guided search (paper, Algorithm 1), without Gymnasium.
+
+    Args:
+        problem: The problem to solve.
+        guidance: The guiding space that selects nodes, or its name.
+        seed: Seed of every random choice; the same seed gives the same tree.
+        max_samples: Samples after which to give up.
+        expansion: Who proposes x_new: None for ``guidance`` itself, ``"uniform"`` for the ball, or another
+            guiding space.
+        options: Local planner, termination and metric.
+        measure: Whether to compute SE (asks the oracle).
+        distributions: Whether to compute D_KL and D_JS of the whole distribution at each sample too.
+        progress: Called with the number of samples so far.
+
+    Raises:
+        InvalidInputError: An argument of the wrong type, max_samples no positive integer, or the seed no
+            integer >= 0.
+        NoPathError: ``measure`` is on and no path joins start and goal.
+        UnknownNameError: No guiding space has that name.
+    """
+    max_samples = integer("max_samples", max_samples, least=1)
+    guidance = make_guidance(guidance)
+    _, expansion_rng, guidance_rng = streams(seed)
+    search = Search(problem, expansion_rng, guidance_rng, options)
+    metric = Measure(search) if measure else None  # solves the oracle before the clock starts
+    began = time.perf_counter()
+    search.attach(guidance)
+    preparation = time.perf_counter() - began
+    propose = proposer(search, expansion)
+    recorder = _Recorder(search, guidance, metric, distributions)
+    began = time.perf_counter()
+    # The whole distribution is asked for sample by sample, so such a search runs in no bursts.
+    search.run(
+        guidance,
+        max_samples,
+        propose=guidance.propose if distributions and propose is None else propose,
+        watcher=recorder,
+        progress=progress,
+    )
+    seconds = time.perf_counter() - began - recorder.seconds
+    return SearchResult(
+        problem,
+        search.options,
+        search.tree,
+        search.path(),
+        recorder.record(),
+        search.collision_checks,
+        seconds,
+        preparation,
+    )
+
+
+def proposer(search: Search, expansion: GuidingSpace | str | None) -> Proposer | None:
+    """Who proposes x_new: what an ``expansion`` option stands for (see `guided_search`).
+
+    Another guiding space than those that listen already is attached to the search.
+    """
+    if expansion is None:
+        return None
+    expander = make_expander(expansion)
+    if expander is None:
+        return lambda tree, node: search.planner.uniform(tree.nodes.configurations[node])
+    if not any(listener is expander for listener in search.listeners):  # else it would learn everything twice
+        search.attach(expander)
+    return expander.propose
+
+
+class _Recorder:
+    """Collects the rows of a `Record`, and the time that this took."""
+
+    def __init__(
+        self, search: Search, guidance: GuidingSpace, metric: Measure | None, distributions: bool
+    ) -> None:
+        self._search, self._guidance, self._metric = search, guidance, metric
+        self._distributions = distributions
+        self._blocks: list[NDArray[np.float64]] = []  # (k, 7) each, columns in the order of `Record`
+        self._rows: list[list[float]] = []  # not in a block yet
+        self.seconds = 0.0
+
+    def before(self, node: int) -> None:
+        """The choice of ``node``, measured on the tree as it stands."""
+        began = time.perf_counter()
+        row = [node, NO_NODE, len(self._search.tree), np.nan, np.nan, np.nan, np.nan]
+        if self._metric is not None:
+            row[3], row[6] = self._metric.choice(node)
+            if self._distributions:
+                p, q = self._guidance.distribution(self._search.tree), self._metric.distribution()
+                row[4], row[5] = sampling_efficiency(p, q), jensen_shannon(p, q)
+        self._rows.append(row)
+        self.seconds += time.perf_counter() - began
+
+    def after(self, expansion: Expansion) -> None:
+        """What became of it."""
+        self._rows[-1][1] = expansion.child
+
+    def take(self, burst: NDArray[np.int32]) -> None:
+        """Rows of a burst of samples: what each would have been measured at, in hindsight."""
+        began = time.perf_counter()
+        self._close_block()
+        grew = burst[:, 1] != NO_NODE
+        block = np.full((len(burst), 7), np.nan)
+        block[:, :2] = burst
+        block[:, 2] = len(self._search.tree) - int(grew.sum()) + np.cumsum(grew) - grew
+        if self._metric is not None:
+            for row in block:
+                row[3], row[6] = self._metric.choice(int(row[0]), int(row[2]))
+        self._blocks.append(block)
+        self.seconds += time.perf_counter() - began
+
+    def _close_block(self) -> None:
+        self._blocks.append(np.array(self._rows, np.float64).reshape(-1, 7))
+        self._rows = []
+
+    def record(self) -> Record:
+        """The rows so far."""
+        self._close_block()
+        columns = np.concatenate(self._blocks).T.copy()
+        return Record(*columns[:3].astype(np.int32), *columns[3:])

@@ -1,0 +1,56 @@
+"""The local planner: which configurations can be reached from a node, N_C(v) (paper, Preliminaries)."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from guided_gym.checks import integer, number
+from guided_gym.geometry.space import ConfigurationSpace
+from guided_gym.kernels.metric import ball_samples, steer
+
+DEFAULT_CANDIDATES = 16
+STEP_FRACTION = 0.05  # default step size, as a fraction of the workspace's diagonal
+
+
+class LocalPlanner:
+    """Straight motions of at most ``step``: N_C(v) is the ball of that radius around v.
+
+    Args:
+        space: The configuration space.
+        rng: Source of every random expansion.
+        step: Radius of the ball, in the space's distance; None for 5 % of the workspace's diagonal.
+        candidates: How many members of N_C(v) a guided choice looks at.
+
+    Raises:
+        InvalidInputError: A step that is not positive, or no candidates.
+    """
+
+    def __init__(
+        self,
+        space: ConfigurationSpace,
+        rng: np.random.Generator,
+        step: float | None = None,
+        candidates: int = DEFAULT_CANDIDATES,
+    ) -> None:
+        if step is None:
+            step = STEP_FRACTION * space.extent
+        self.space = space
+        self.rng = rng
+        self.step = number("step", step, above=0, what="length")
+        self.candidate_count = integer("candidates", candidates, least=1)
+
+    def candidates(self, q: NDArray[np.float64], count: int | None = None) -> NDArray[np.float64]:
+        """(k, d) configurations drawn uniformly from the ball N_C(q)."""
+        k = self.candidate_count if count is None else count
+        normals, radii = self.rng.standard_normal((k, q.size)), self.rng.random(k)
+        return ball_samples(q, normals, radii, self.step, self.space.metric)
+
+    def uniform(self, q: NDArray[np.float64]) -> NDArray[np.float64]:
+        """(d,) one configuration drawn uniformly from N_C(q)."""
+        candidate: NDArray[np.float64] = self.candidates(q, 1)[0]
+        return candidate
+
+    def steer(self, q: NDArray[np.float64], towards: NDArray[np.float64]) -> NDArray[np.float64]:
+        """(d,) the configuration of N_C(q) nearest to ``towards`` on the straight motion to it."""
+        return steer(q, towards, self.step, self.space.metric)

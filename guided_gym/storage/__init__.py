@@ -1,0 +1,1 @@
+"""Paths on disk, safe against kills and damage."""

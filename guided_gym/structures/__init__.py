@@ -1,0 +1,1 @@
+"""Data structures over the kernels: nearest neighbours, segments, shortest-path trees."""

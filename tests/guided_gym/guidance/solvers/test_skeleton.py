@@ -1,0 +1,96 @@
+"""The medial axis of rooms whose skeleton is known."""
+
+from __future__ import annotations
+
+import networkx as nx
+import numpy as np
+import pytest
+import shapely
+
+from guided_gym.catalogue.table import distribution_names, make_distribution
+from guided_gym.errors import InvalidInputError
+from guided_gym.geometry.environment import Environment
+from guided_gym.guidance.solvers.skeleton import medial_axis, skeleton_graph
+
+
+def lines(environment: Environment, spacing: float = 0.5) -> shapely.MultiLineString:
+    points, edges = medial_axis(environment, spacing)
+    return shapely.MultiLineString(list(points[edges]))
+
+
+def test_rectangle__hand_worked() -> None:
+    # Bisectors of the corners meet at (2, 2) and (6, 2), joined by the middle line.
+    room = Environment((0.0, 0.0, 8.0, 4.0))
+    known = shapely.MultiLineString(
+        [[(0, 0), (2, 2)], [(0, 4), (2, 2)], [(8, 0), (6, 2)], [(8, 4), (6, 2)], [(2, 2), (6, 2)]]
+    )
+    found = lines(room, 0.1)
+    spacing = room.extent / 200
+    assert found.difference(known.buffer(spacing)).length < 1e-9
+    missing = known.difference(found.buffer(spacing))
+    assert missing.length < 4 * 2 * 2.5 * spacing  # pruned where it runs into the corners
+    graph = skeleton_graph(room)
+    assert nx.is_connected(graph)
+    assert nx.is_tree(graph)
+    deepest = max(clearance for _, clearance in graph.nodes(data="clearance"))
+    assert deepest == pytest.approx(2, abs=spacing)
+
+
+def test_corridor_around_an_obstacle__is_a_loop() -> None:
+    ring = Environment((0.0, 0.0, 10.0, 10.0), (shapely.box(3, 3, 7, 7),))
+    graph = skeleton_graph(ring)
+    assert nx.is_connected(graph)
+    assert len(nx.cycle_basis(graph)) == 1
+    assert lines(ring).distance(shapely.Point(1.5, 5)) < 0.1
+
+
+def test_rooms_that_are_apart__have_skeletons_apart() -> None:
+    apart = Environment((0.0, 0.0, 10.0, 10.0), (shapely.box(4, 0, 6, 10),))
+    assert nx.number_connected_components(skeleton_graph(apart)) == 2
+
+
+@pytest.mark.parametrize("name", distribution_names())
+def test_skeleton__lies_in_the_free_space_and_joins_start_to_goal(name: str) -> None:
+    problem = make_distribution(name).problem(0)
+    environment = problem.environment
+    points, edges = medial_axis(environment, 0.5)
+    assert edges.dtype == np.int32
+    assert (edges[:, 0] != edges[:, 1]).all()
+    assert (environment.clearance(points) > 0).all()
+    segments = shapely.linestrings(points[edges])
+    assert environment.free_space.buffer(0.5).covers(shapely.union_all(segments))
+    graph = nx.Graph(edges.tolist())
+    assert set(graph) == set(range(len(points)))
+    nearest = [int(np.argmin(np.hypot(*(points - q[:2]).T))) for q in (problem.task.start, problem.task.goal)]
+    assert nx.has_path(graph, *nearest)
+    lengths = shapely.length(segments)
+    assert lengths.max() < 1.0  # a branch shorter than 1.5 spacings is one edge
+
+
+def test_clearance__is_the_distance_to_the_boundary() -> None:
+    environment = make_distribution("TrapCup").problem(0).environment
+    graph = skeleton_graph(environment)
+    boundary = environment.free_space.boundary
+    for _, data in list(graph.nodes(data=True))[::50]:
+        assert data["clearance"] == pytest.approx(boundary.distance(shapely.Point(data["pos"])), abs=1e-6)
+    for a, b, length in list(graph.edges(data="length"))[::50]:
+        assert length == pytest.approx(
+            np.hypot(*np.subtract(graph.nodes[a]["pos"], graph.nodes[b]["pos"])), abs=1e-6
+        )
+
+
+@pytest.mark.parametrize("scale", [1e-3, 1e4])
+def test_skeleton__does_not_depend_on_the_unit_of_length(scale: float) -> None:
+    def of(s: float) -> nx.Graph:
+        return skeleton_graph(Environment((0.0, 0.0, 10 * s, 10 * s), (shapely.box(4 * s, 0, 5 * s, 7 * s),)))
+
+    small, large = of(1.0), of(scale)
+    assert nx.number_connected_components(large) == nx.number_connected_components(small) == 1
+    total = sum(length for *_, length in large.edges(data="length")) / scale
+    assert total == pytest.approx(sum(length for *_, length in small.edges(data="length")), rel=0.02)
+
+
+def test_skeleton__says_when_there_is_no_room() -> None:
+    full = Environment((0.0, 0.0, 10.0, 10.0), (shapely.box(0, 0, 10, 9.99),))
+    with pytest.raises(InvalidInputError, match="too small"):
+        skeleton_graph(full)

@@ -1,0 +1,257 @@
+"""The grid of poses and the wave through it, against exact geometry and the exact cost-to-go."""
+
+from __future__ import annotations
+
+import pickle
+from collections.abc import Callable
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+import shapely
+
+from guided_gym.catalogue.table import make_distribution
+from guided_gym.errors import InvalidInputError
+from guided_gym.geometry.environment import Environment
+from guided_gym.geometry.robots import Robot
+from guided_gym.guidance.solvers.wave import PoseGrid, WaveModel, body_discs
+from guided_gym.kernels import fields
+from guided_gym.measure.oracle import oracle_for
+from guided_gym.problems import Problem, Task
+
+FORK = Robot.polygon([(-2, -2), (2, -2), (2, 2), (1.2, 2), (1.2, -1.2), (-1.2, -1.2), (-1.2, 2), (-2, 2)])
+
+
+def with_gap(width: float) -> Problem:
+    """A point on the left of a wall, and a gap in the middle of it on the edge between two rows of cells."""
+    halves = [(0.45, 0.0, 0.55, 0.5 - width / 2), (0.45, 0.5 + width / 2, 0.55, 1.0)]
+    environment = Environment((0, 0, 1, 1), tuple(shapely.box(*half) for half in halves))
+    return Problem(Robot.point(), environment, Task((0.2, 0.6), (0.8, 0.6)))
+
+
+def poses(problem: Problem, count: int, seed: int = 0) -> np.ndarray:
+    return problem.space.sample(np.random.default_rng(seed), count)
+
+
+@pytest.mark.parametrize(
+    "robot",
+    [
+        Robot.rectangle(0.8, 0.3),
+        Robot.segment(0.4),
+        Robot.polygon([(0, 0), (1, 0), (1, 0.2), (0.2, 0.2), (0.2, 1), (0, 1)]),
+        FORK,
+    ],
+    ids=["rectangle", "segment", "non-convex", "fork"],
+)
+def test_body_discs__lie_in_the_robot_and_fill_it(robot: Robot) -> None:
+    discs = body_discs(robot, robot.radius)
+    union = shapely.union_all([shapely.Point(x, y).buffer(r + 1e-4) for x, y, r in discs])
+    assert union.difference(robot.outline.buffer(1e-3)).area < 1e-9
+    assert shapely.hausdorff_distance(union, robot.outline, densify=0.05) < 0.3 * robot.radius
+
+
+def test_body_discs__of_a_point_are_the_point() -> None:
+    assert body_discs(Robot.point(), 1.0).tolist() == [[0.0, 0.0, 0.0]]
+
+
+def test_the_room_of_a_robot_says_where_it_is_free() -> None:
+    problem = make_distribution("TrapCup").problem(0)
+    grid = PoseGrid.of(problem.space, 56, 16)
+    rows, columns, headings = np.indices(grid.room.shape)
+    q = np.stack(
+        [
+            grid.frame[0] + columns * grid.frame[2],
+            grid.frame[1] + rows * grid.frame[2],
+            2 * np.pi * headings / grid.room.shape[2],
+        ],
+        axis=-1,
+    ).reshape(-1, 3)
+    clear = np.abs(grid.room.ravel()) > 0.5
+    agree = (grid.room.ravel() > 0) == problem.space.valid(problem.space.wrap(q))
+    assert agree[clear].mean() > 0.999
+    assert agree.mean() > 0.99
+
+
+@pytest.mark.parametrize("name", ["TrapCup", "Cup", "fork", "point"])
+def test_least_room__agrees_with_exact_validity(name: str, walled: Callable[[str], Problem]) -> None:
+    if name == "fork":
+        post = Environment((0, 0, 10, 10), (shapely.box(4, 3.3, 6, 5.3), shapely.box(7, 0, 7.5, 3)))
+        problem = Problem(FORK, post, Task((2.5, 7.5, 0), (7, 7.5, 0)))
+    else:
+        problem = walled(name) if name == "point" else make_distribution(name).problem(0)
+    grid = PoseGrid.of(problem.space, 56, 16)
+    q, start = poses(problem, 4000), problem.task.start
+    room = fields.least_room(start, q, grid.distances, grid.body, grid.frame, 1)  # of the ends alone
+    assert ((room > 0) == problem.space.valid(q)).mean() > 0.99
+
+
+def test_the_room_of_a_fork_astride_a_post() -> None:
+    """Its reference point lies deep in the post, and it is free."""
+    environment = Environment((0, 0, 10, 10), (shapely.box(4.3, 0, 5.7, 6),))
+    problem = Problem(FORK, environment, Task((5, 6, np.pi), (5, 7.5, np.pi)))
+    grid = PoseGrid.of(problem.space, 56, 16)
+    assert grid.room[30, 27, 8] > 1.0 > -1.0 > grid.room[30, 27, 0]
+
+
+def test_least_room__along_motions_is_positive_where_they_are_free() -> None:
+    space = (problem := make_distribution("TrapCup").problem(0)).space
+    grid = PoseGrid.of(space, 56, 16)
+    rng = np.random.default_rng(0)
+    agree = []
+    for q in poses(problem, 400):
+        if not space.valid(q):
+            continue
+        ends = space.wrap(q + rng.normal(size=(8, 3)) * [0.4, 0.4, 0.3])
+        room = grid.least_room(q, ends)
+        agree += [(r > 0) == space.motion_free(q, end) for r, end in zip(room, ends, strict=True)]
+    assert len(agree) > 500
+    assert np.mean(agree) > 0.97
+
+
+@pytest.mark.parametrize("name", ["SimplePassage", "walled point"])
+def test_the_wave_is_near_the_true_distance(name: str, walled: Callable[[str], Problem]) -> None:
+    problem = walled("point") if name == "walled point" else make_distribution(name).problem(0)
+    model = WaveModel(24, 8)
+    field = model.evaluate(PoseGrid.of(problem.space, 24, 8), problem.task.goal)
+    q = poses(problem, 2000)
+    q = q[problem.space.valid(q)]
+    truth = np.asarray(oracle_for(problem.space, problem.task.goal).cost_to_go(q))
+    found = field.cost_to_go(q)
+    assert np.median(np.abs(found - truth) / np.maximum(truth, 0.1 * truth.max())) < 0.1
+    assert (found >= problem.space.distance(q, problem.task.goal) - 1e-6).all()
+
+
+def test_the_wave_does_not_begin_behind_a_thin_wall() -> None:
+    environment = Environment((0, 0, 1, 1), (shapely.box(0.474, 0.0, 0.494, 0.9),))
+    problem = Problem(Robot.point(), environment, Task((0.3, 0.5), (0.505, 0.5)))
+    grid = PoseGrid.of(problem.space, 32, 8)
+    frame = grid.towards(problem.task.goal)
+    places, distances = grid.beginnings(frame)
+    x = frame[fields.ORIGIN_X] + places % 32 * frame[fields.CELL]
+    y = frame[fields.ORIGIN_Y] + places // 32 * frame[fields.CELL]
+    assert (x > 0.48).all()
+    assert distances == pytest.approx(np.hypot(x - 0.505, y - 0.5))
+    over_it = WaveModel(32, 8).evaluate(grid, problem.task.goal).cost_to_go(np.array([[0.44, 0.5]]))[0]
+    assert over_it == pytest.approx(0.8, rel=0.2)
+
+
+def test_the_wave_of_a_goal_without_room_begins_at_the_best_pose_near_it() -> None:
+    tight = (shapely.box(0.3, 0.0, 0.499, 1.0), shapely.box(0.501, 0.0, 0.7, 1.0))
+    problem = Problem(
+        Robot.rectangle(0.2, 0.001),
+        Environment((0, 0, 1, 1), tight),
+        Task((0.15, 0.5, 0), (0.5, 0.5, np.pi / 2)),
+    )
+    grid = PoseGrid.of(problem.space, 24, 8)
+    places, distances = grid.beginnings(grid.towards(problem.task.goal))
+    assert len(places) >= 1
+    assert np.isfinite(WaveModel(24, 8).evaluate(grid, problem.task.goal).values).all()
+    assert distances.max() < 3 / 24 * np.sqrt(2) + problem.space.weights[2] * 2 * np.pi / 8
+
+
+def test_workspaces_that_are_not_square_lie_in_the_middle_of_one() -> None:
+    space = Problem(Robot.point(), Environment((0, 0, 2, 1)), Task((0.2, 0.5), (1.8, 0.5))).space
+    grid = PoseGrid.of(space, 24, 8)
+    assert grid.side == 2.0
+    assert (grid.workspace[0] < 0).all()
+    assert (grid.workspace[12] > 0).all()
+
+
+def test_a_robot_that_cannot_turn_has_one_heading_and_the_room_of_a_point(
+    walled: Callable[[str], Problem],
+) -> None:
+    grid = PoseGrid.of(walled("point").space, 24, 8)
+    assert grid.room.shape == (24, 24, 1)
+    some = np.abs(grid.workspace) < 1.5
+    assert some.any()
+    assert grid.room[..., 0][some] == pytest.approx(grid.workspace[some], abs=0.1)
+
+
+def test_robots_that_are_not_planar_and_rigid_are_refused() -> None:
+    with pytest.raises(InvalidInputError, match="got 4 dimensions"):
+        PoseGrid.of(SimpleNamespace(dimension=4), 24, 8)  # type: ignore[arg-type]
+
+
+@pytest.mark.parametrize(("gap", "cells"), [(0.06, 24), (0.04, 32), (0.03, 48), (0.0, 48)])
+def test_solve__looks_for_a_way_in_a_finer_grid(gap: float, cells: int) -> None:
+    problem = with_gap(gap)
+    grid, field = WaveModel(24, 8).solve(problem)
+    assert grid.room.shape == field.values.shape == (cells, cells, 1)
+    assert field.frame[fields.CELL] == pytest.approx(1 / cells)
+    way = field.cost_to_go(problem.task.start[None])[0]
+    direct = 2 * np.hypot(0.3, 0.1)
+    assert way > 10 if gap == 0 else way == pytest.approx(direct, rel=0.15)
+
+
+def test_solve__keeps_the_last_problems() -> None:
+    model = WaveModel(8, 4)
+    problems = [with_gap(0.3 + 0.01 * i) for i in range(9)]
+    first = model.solve(problems[0])
+    assert model.solve(with_gap(0.3)) is first  # the same content
+    for problem in problems[1:8]:
+        model.solve(problem)
+    assert model.solve(problems[0]) is first
+    second = model.solve(problems[1])
+    model.solve(problems[8])
+    assert model.solve(problems[1]) is second
+    assert len(model._kept) == 8
+    assert model.solve(problems[2])[0] is not None
+
+
+def test_solve__another_goal_is_another_problem() -> None:
+    model, problem = WaveModel(8, 4), with_gap(0.3)
+    turned = Problem(problem.robot, problem.environment, Task(problem.task.goal, problem.task.start))
+    there, back = (model.solve(each)[1] for each in (problem, turned))
+    ends = np.stack([problem.task.start, problem.task.goal])
+    assert there.cost_to_go(ends)[1] < 1 / 8 < 0.6 < there.cost_to_go(ends)[0]
+    assert back.cost_to_go(ends)[0] < 1 / 8 < 0.6 < back.cost_to_go(ends)[1]
+
+
+def test_pickling__leaves_the_fields_behind() -> None:
+    model, problem = WaveModel(24, 8, blocked=50.0), with_gap(0.2)
+    before = len(pickle.dumps(model))
+    _, field = model.solve(problem)
+    assert len(pickle.dumps(model)) == before
+    twin = pickle.loads(pickle.dumps(model))
+    assert twin.blocked == 50.0
+    assert np.array_equal(twin.solve(problem)[1].values, field.values)
+
+
+def test_effort__slows_the_wave() -> None:
+    model, problem = WaveModel(24, 8), with_gap(0.3)
+    grid, field = model.solve(problem)
+    start, goal = problem.task.start[None], problem.task.goal
+    effort = np.ones(grid.room.shape, np.float32)
+    assert np.array_equal(model.evaluate(grid, goal, effort).values, field.values)
+    effort[:, 11:13] = 3.0
+    slow = model.evaluate(grid, goal, effort)
+    assert slow.cost_to_go(start)[0] - field.cost_to_go(start)[0] == pytest.approx(2 * 2 / 24, rel=0.2)
+    assert np.array_equal(slow.values > 0, field.values > 0)  # what seems free is left as it was
+    beyond = np.array([[0.7, 0.6]])
+    assert slow.cost_to_go(beyond) == pytest.approx(field.cost_to_go(beyond))
+
+
+def test_effort__is_no_more_than_a_blocked_pose_takes() -> None:
+    model, problem = WaveModel(24, 8, blocked=20.0), with_gap(0.3)
+    grid = PoseGrid.of(problem.space, 24, 8)
+    slowness = model.slowness(grid, model.free(grid), np.full(grid.room.shape, 1e6, np.float32))
+    assert slowness.dtype == np.float32
+    assert (slowness == 20.0).all()
+
+
+def test_effort__sends_the_wave_another_way() -> None:
+    """Two gaps; the near one has been tried in vain."""
+    walls = [shapely.box(0.45, a, 0.55, b) for a, b in ((0.0, 0.1), (0.2, 0.5), (0.7, 1.0))]
+    problem = Problem(Robot.point(), Environment((0, 0, 1, 1), tuple(walls)), Task((0.2, 0.6), (0.8, 0.6)))
+    model = WaveModel(24, 8)
+    grid, field = model.solve(problem)
+    effort = np.ones(grid.room.shape, np.float32)
+    fields.add_effort(effort, np.array([[0.5, 0.6]] * 6), grid.frame, 2 / 24, 10.0)
+    again = model.evaluate(grid, problem.task.goal, effort)
+    up, down = np.array([[0.4, 0.6]]), np.array([[0.4, 0.15]])
+    assert field.cost_to_go(up)[0] < field.cost_to_go(down)[0]
+    assert (
+        again.cost_to_go(up)[0]
+        > again.cost_to_go(down)[0]
+        == pytest.approx(field.cost_to_go(down)[0], rel=0.2)
+    )

@@ -1,0 +1,219 @@
+"""The metric: worked by hand, and what must hold for every tree."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from guided_gym.errors import InvalidInputError
+from guided_gym.kernels import softmin
+from guided_gym.measure.target import (
+    choice_efficiency,
+    entropy,
+    jensen_shannon,
+    padded,
+    sampling_efficiency,
+    smooth,
+    suboptimality,
+    target,
+)
+from guided_gym.options import TargetParameters
+
+quick = settings(max_examples=80, deadline=None)
+lengths = st.floats(0, 50, allow_nan=False)
+floors = st.floats(0, 0.3)
+
+
+@st.composite
+def targets(draw: st.DrawFn) -> tuple[np.ndarray, np.ndarray, TargetParameters]:
+    """Suboptimality and work remaining of a tree, and parameters."""
+    n = draw(st.integers(1, 40))
+    delta = np.array(draw(st.lists(lengths, min_size=n, max_size=n)))
+    tau = np.array(draw(st.lists(lengths, min_size=n, max_size=n)))
+    parameters = TargetParameters(
+        draw(st.floats(0.02, 2)),
+        draw(st.floats(0.02, 2)),
+        draw(floors),
+        draw(st.sampled_from(["start", "tree"])),
+    )
+    return delta, tau, parameters
+
+
+@st.composite
+def pairs(draw: st.DrawFn) -> tuple[np.ndarray, np.ndarray]:
+    """Two distributions over the same nodes, zeros included."""
+    n = draw(st.integers(1, 20))
+    weights = st.lists(st.floats(1e-6, 1) | st.just(0.0), min_size=n, max_size=n).filter(any)
+    p, q = np.array(draw(weights)), np.array(draw(weights))
+    return p / p.sum(), q / q.sum()
+
+
+def test_target__hand_worked_with_three_nodes() -> None:
+    # Energies 0 + 1, 0 + 0.5, 0.5 + 1 in units of 0.5 * scale: softmin of (2, 1, 3).
+    q = target([0, 0, 1], [2, 1, 2], 2.0, TargetParameters(0.5, 0.5, epsilon=0.0))
+    e = math.exp
+    z = e(-2) + e(-1) + e(-3)
+    assert q == pytest.approx([e(-2) / z, e(-1) / z, e(-3) / z])
+    # The floor 0.2: (w_min + gamma) / (Z + 3 gamma) = 0.2 with w and Z relative to the best.
+    w, total = e(-2), 1 + e(-1) + e(-2)
+    gamma = (0.2 * total - w) / (1 - 0.6)
+    bar = target([0, 0, 1], [2, 1, 2], 2.0, TargetParameters(0.5, 0.5, epsilon=0.2))
+    assert bar == pytest.approx(np.array([e(-1) + gamma, 1 + gamma, w + gamma]) / (total + 3 * gamma))
+    assert bar.min() == pytest.approx(0.2)
+
+
+def test_efficiency__hand_worked() -> None:
+    assert sampling_efficiency([0.5, 0.5, 0], [0.25, 0.25, 0.5]) == pytest.approx(math.log(2))
+    assert sampling_efficiency([0, 1, 0], [0.25, 0.25, 0.5]) == pytest.approx(math.log(4))
+    assert choice_efficiency(np.array([0.25, 0.25, 0.5]), 1) == pytest.approx(math.log(4))
+    assert sampling_efficiency([0.5, 0.5], [1.0, 0.0]) == math.inf
+    assert sampling_efficiency([1.0, 0.0], [0.5, 0.5]) == pytest.approx(math.log(2))
+    assert jensen_shannon([1, 0], [0, 1]) == pytest.approx(math.log(2))
+    # D_JS of (1, 0) and (1/2, 1/2), M = (3/4, 1/4).
+    expected = 0.5 * (math.log(4 / 3) + 0.5 * math.log(2 / 3) + 0.5 * math.log(2))
+    assert jensen_shannon([1, 0], [0.5, 0.5]) == pytest.approx(expected)
+
+
+def test_suboptimality__is_clipped_where_the_oracle_errs() -> None:
+    d = suboptimality(np.array([0.0, 3.0, 1.0]), np.array([10.0, 9.0, 8.9]), 10.0)
+    assert d == pytest.approx([0.0, 2.0, 0.0])
+
+
+@quick
+@given(pairs())
+def test_divergences__have_their_bounds(pq: tuple[np.ndarray, np.ndarray]) -> None:
+    p, q = pq
+    assert sampling_efficiency(p, q) >= 0
+    assert sampling_efficiency(p, p) == 0
+    js = jensen_shannon(p, q)
+    assert 0 <= js <= math.log(2)
+    assert js == pytest.approx(jensen_shannon(q, p), abs=1e-12)
+
+
+@quick
+@given(targets())
+def test_target__is_a_distribution_no_less_than_epsilon(case: tuple) -> None:
+    delta, tau, parameters = case
+    n, epsilon = delta.size, parameters.epsilon
+    q = target(delta, tau, 7.0, parameters)
+    assert q.shape == (n,)
+    assert q.sum() == pytest.approx(1)
+    if epsilon * n >= 1:
+        assert q == pytest.approx(np.full(n, 1 / n))  # no gamma exists: the limit
+        return
+    assert q.min() >= epsilon * (1 - 1e-9)
+    plain = target(
+        delta, tau, 7.0, TargetParameters(parameters.delta, parameters.tau, 0, parameters.normalisation)
+    )
+    if plain.min() < epsilon:
+        assert q.min() == pytest.approx(epsilon)  # gamma is the least that will do
+    else:
+        assert q == pytest.approx(plain)  # and is 0 where none is needed
+
+
+@quick
+@given(targets(), st.data())
+def test_efficiency__is_at_most_log_one_over_epsilon(case: tuple, data: st.DataObject) -> None:
+    delta, tau, parameters = case
+    n = delta.size
+    q = target(delta, tau, 7.0, parameters)
+    worst = math.log(max(n, 1 / parameters.epsilon if parameters.epsilon else math.inf))
+    weights = np.array(
+        data.draw(st.lists(st.floats(0, 1), min_size=n, max_size=n).filter(lambda w: sum(w) > 1e-3))
+    )
+    assert sampling_efficiency(weights / weights.sum(), q) <= worst + 1e-9
+    assert choice_efficiency(q, data.draw(st.integers(0, n - 1))) <= worst + 1e-9
+
+
+@quick
+@given(targets(), st.randoms(use_true_random=False))
+def test_target__does_not_depend_on_labels(case: tuple, random: object) -> None:
+    delta, tau, parameters = case
+    order = np.array(random.sample(range(delta.size), delta.size))  # type: ignore[attr-defined]
+    q = target(delta, tau, 7.0, parameters)
+    assert target(delta[order], tau[order], 7.0, parameters) == pytest.approx(q[order], abs=1e-12)
+
+
+@quick
+@given(targets(), st.data())
+def test_kernel__agrees_with_the_whole_distribution(case: tuple, data: st.DataObject) -> None:
+    delta, tau, p = case
+    p = TargetParameters(p.delta, p.tau, p.epsilon)
+    node = data.draw(st.integers(0, delta.size - 1))
+    energy = (delta / p.delta + tau / p.tau) / 7.0
+    q = target(delta, tau, 7.0, p)
+    chosen, best = softmin.choice_efficiency(np.append(energy, -1e9), delta.size, node, p.epsilon)
+    if q[node] > 1e-290:
+        assert chosen == pytest.approx(-math.log(q[node]), abs=1e-9)
+    assert best == pytest.approx(-math.log(q.max()), abs=1e-9)
+
+
+def test_target__prefers_less_work_and_less_suboptimality() -> None:
+    q = target([0, 1, 0, 1], [1, 1, 2, 2], 5.0)
+    assert q[0] > max(q[1], q[2])
+    assert min(q[1], q[2]) > q[3]
+
+
+def test_target__of_one_node_and_of_a_search_that_starts_at_its_goal() -> None:
+    assert target([0], [3], 3.0).tolist() == [1.0]
+    q = target([0.0, 0.2], [0.0, 0.1], 0.0)
+    assert np.isfinite(q).all()
+    assert q[0] > q[1]
+
+
+@pytest.mark.parametrize("normalisation", ["start", "tree"])
+def test_target__gives_unreachable_nodes_the_floor(normalisation: str) -> None:
+    q = target([0, np.inf], [1, np.inf], 1.0, TargetParameters(normalisation=normalisation))
+    assert q == pytest.approx([1 - 1e-4, 1e-4])
+
+
+def test_normalisation__by_the_tree_divides_by_its_largest_values() -> None:
+    by_tree = target([0, 2, 4], [9, 3, 1], 5.0, TargetParameters(0.3, 0.7, 0.0, "tree"))
+    by_hand = target([0, 0.5, 1], [1, 3 / 9, 1 / 9], 1.0, TargetParameters(0.3, 0.7, 0.0))
+    assert by_tree == pytest.approx(by_hand)
+
+
+def test_smooth__continues_to_uniform_without_a_jump() -> None:
+    weights = np.array([1.0, 0.2, 0.01, 0.0])
+    almost = smooth(weights, 0.25 - 1e-9)
+    assert almost == pytest.approx(smooth(weights, 0.25), abs=1e-6)
+
+
+def test_padded__is_zero_after_the_search_has_finished() -> None:
+    assert padded(np.array([3.0, 2.0]), 5).tolist() == [3, 2, 0, 0, 0]
+    assert padded(np.array([3.0, 2.0]), 1).tolist() == [3]
+    assert padded(np.zeros(0), 2).tolist() == [0, 0]
+
+
+def test_entropy__hand_worked() -> None:
+    bounds = [[0, 2], [0, 2]]
+    assert entropy([[0.5, 0.5], [0.6, 0.4]], 2, bounds) == 0
+    four = [[0.5, 0.5], [1.5, 0.5], [0.5, 1.5], [1.5, 1.5]]
+    assert entropy(four, 2, bounds) == pytest.approx(math.log(4))
+
+
+@pytest.mark.parametrize(
+    "wrong",
+    [
+        {"delta": 0.0},
+        {"tau": -1.0},
+        {"tau": math.nan},
+        {"epsilon": 1.0},
+        {"epsilon": -0.1},
+        {"epsilon": math.nan},
+        {"normalisation": "best"},
+    ],
+)
+def test_parameters__refuse_what_makes_no_sense(wrong: dict) -> None:
+    with pytest.raises(InvalidInputError, match=next(iter(wrong))):
+        TargetParameters(**wrong)
+
+
+def test_divergences__refuse_distributions_over_different_trees() -> None:
+    for divergence in (sampling_efficiency, jensen_shannon):
+        with pytest.raises(InvalidInputError, match="same nodes"):
+            divergence([1.0], [0.5, 0.5])
