@@ -24,7 +24,9 @@ import numpy as np
 from rich.console import Console
 from rich.table import Table
 
-from guided_gym.envs import GuidedSearchEnv, ProblemPool, distribution_names, make_distribution
+from guided_gym.catalogue.table import distribution_names, make_distribution
+from guided_gym.envs.guided_search_env import GuidedSearchEnv
+from guided_gym.envs.pool import ProblemPool
 
 FIRST_USE = """
 import time

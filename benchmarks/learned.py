@@ -22,9 +22,9 @@ from rich.console import Console
 from rich.table import Table
 
 from guided_gym import guided_search, make_guidance
-from guided_gym.catalogue.next_mazes import benchmark_options
-from guided_gym.envs import make_distribution
+from guided_gym.catalogue.table import make_distribution
 from guided_gym.guidance.wavefront import Wavefront
+from guided_gym.options import SearchOptions
 from guided_gym.randomness import streams
 from guided_gym.search.search import Search
 
@@ -103,7 +103,7 @@ def choice_times(name: str, size: int, choices: int) -> dict[str, dict[str, floa
 
 def next_times(name: str, environment: str, mazes: int, theirs: float) -> dict[str, float]:
     """Of whole searches on held-out mazes; the limit is a fifth of what NEXT itself takes."""
-    guidance, options = make_guidance(name), benchmark_options(step=NEXT_STEP)
+    guidance, options = make_guidance(name), SearchOptions(step=NEXT_STEP)
     distribution = make_distribution(f"{environment}@validation")
 
     def search(i: int) -> None:

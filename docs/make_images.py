@@ -12,11 +12,18 @@ from pathlib import Path
 from matplotlib.figure import Figure
 from PIL import Image
 
-from guided_gym import GuidingSpace, Problem, Search, make_guidance
-from guided_gym.envs import distribution_names, make_distribution
+from guided_gym import (
+    GuidingSpace,
+    Problem,
+    Search,
+    build_path_database,
+    distribution_names,
+    make_distribution,
+    make_guidance,
+    streams,
+)
 from guided_gym.envs.rendering import Renderer
-from guided_gym.randomness import streams
-from guided_gym.train import build_path_database, figures
+from guided_gym.train import figures
 
 IMAGES = Path(__file__).parent / "images"
 DOTS_PER_INCH = 150

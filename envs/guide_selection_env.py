@@ -14,6 +14,7 @@ from guided_gym.envs.guided_search_env import OPTIONS, GuidedSearchEnv
 from guided_gym.errors import InvalidInputError, UnknownNameError
 from guided_gym.guidance.base import GuidingSpace
 from guided_gym.guidance.hybrid import Hybrid
+from guided_gym.guidance.registry import make_guides
 from guided_gym.guidance.rules import Turns, bounds
 
 if TYPE_CHECKING:
@@ -77,7 +78,7 @@ class GuideSelectionEnv(gymnasium.Env[NDArray[np.float32], int]):
                 raise UnknownNameError("option", name, SELECTION_OPTIONS)
         if isinstance(max_samples, int | np.integer):  # else the search environment refuses it
             options["max_nodes"] = max(int(max_samples) + 2, 3)
-        hybrid = Hybrid(guides, rule=_AsTold())
+        hybrid = Hybrid(make_guides(guides), rule=_AsTold())
         self.searching = GuidedSearchEnv(
             distribution,
             split=split,

@@ -108,7 +108,7 @@ class GuidedSearchEnv(gymnasium.Env[Observation, Action]):
     Args:
         distribution: Name in the catalogue, a distribution, or a problem.
         split: ``"train"``, ``"validation"`` or ``"test"``: draw from these problems only, and pose number k
-            of them with ``reset(seed=k)``; None for the whole distribution (see `guided_gym.catalogue.splits`).
+            of them with ``reset(seed=k)``; None for the whole distribution.
         max_nodes: Size of the padded arrays and of the action space.
         max_samples: Steps until truncation; None for max_nodes - 2.
         expansion: Who proposes the configuration: ``"uniform"`` in the ball around the node, or a guiding

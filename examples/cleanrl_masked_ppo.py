@@ -18,7 +18,7 @@ import torch
 from torch import nn
 from torch.distributions import Categorical
 
-from guided_gym.envs import NodeColumn
+from guided_gym import NodeColumn
 
 FEATURES = len(NodeColumn)
 

@@ -17,7 +17,7 @@ from sb3_contrib import MaskablePPO
 from stable_baselines3.common.torch_layers import BaseFeaturesExtractor
 from torch import nn
 
-from guided_gym.envs import NodeColumn
+from guided_gym import NodeColumn
 
 FEATURES, HIDDEN = len(NodeColumn), 32
 

@@ -9,11 +9,7 @@ import sys
 
 import numpy as np
 
-from guided_gym import guided_search
-from guided_gym.catalogue.splits import problem_seed
-from guided_gym.envs import make_distribution
-from guided_gym.guidance.hybrid import Hybrid
-from guided_gym.guidance.registry import make_guidance
+from guided_gym import Hybrid, guided_search, make_distribution, make_guidance, problem_seed
 
 agent = sys.argv[1]
 problems = int(sys.argv[2]) if len(sys.argv) > 2 else 16
@@ -23,7 +19,7 @@ guidances = {
     "learned": make_guidance(f"learned:{agent}"),
     "medial_axis": make_guidance("medial_axis"),
     # The paper's rule: whoever's guidance led into a collision passes the turn on.
-    "both": Hybrid([make_guidance(f"learned:{agent}"), "medial_axis"]),
+    "both": Hybrid([make_guidance(f"learned:{agent}"), make_guidance("medial_axis")]),
 }
 for name, guidance in guidances.items():
     results = []

@@ -20,6 +20,7 @@ if TYPE_CHECKING:
         ProblemList,
         SampledProblems,
     )
+    from guided_gym.catalogue.next_mazes import load_next_mazes
     from guided_gym.catalogue.splits import problem_seed
     from guided_gym.catalogue.table import distribution_names, make_distribution, register_distribution
     from guided_gym.errors import (
@@ -34,94 +35,130 @@ if TYPE_CHECKING:
     from guided_gym.geometry.space import ConfigurationSpace
     from guided_gym.guidance.base import GuidingSpace
     from guided_gym.guidance.hybrid import Hybrid
-    from guided_gym.guidance.registry import guidance_names, make_guidance, register_guidance
+    from guided_gym.guidance.registry import guidance_names, make_guidance, make_guides, register_guidance
     from guided_gym.measure.oracle import Oracle
-    from guided_gym.measure.target import Measure, jensen_shannon, sampling_efficiency
+    from guided_gym.measure.target import (
+        Measure,
+        entropy,
+        jensen_shannon,
+        sampling_efficiency,
+        suboptimality,
+        target,
+    )
     from guided_gym.options import SearchOptions, TargetParameters
     from guided_gym.planning import Record, SearchResult, guided_search
     from guided_gym.problems import Problem, Task
+    from guided_gym.randomness import streams
     from guided_gym.search.local_planner import LocalPlanner
     from guided_gym.search.search import Expansion, Search
     from guided_gym.search.tree import SearchTree
+    from guided_gym.storage.path_file import PathDatabase
+    from guided_gym.storage.path_library import PathLibrary
 
-# All that is public, and where it lives. Imported when first used: `import guided_gym` stays quick, and
-# registers the environments all the same.
-_HOMES = {
-    "catalogue.distributions": (
-        "FixedProblem",
-        "ProblemDistribution",
-        "ProblemList",
-        "SampledProblems",
-    ),
+# All that is public, and where it lives: a name that is not here may change without notice. Imported when
+# first used: `import guided_gym` stays quick, and registers the environments all the same.
+_HOMES: dict[str, tuple[str, ...]] = {
+    "catalogue.distributions": ("FixedProblem", "ProblemDistribution", "ProblemList", "SampledProblems"),
+    "catalogue.next_mazes": ("load_next_mazes",),
     "catalogue.splits": ("problem_seed",),
-    "catalogue.table": (
-        "distribution_names",
-        "make_distribution",
-        "register_distribution",
-    ),
-    "errors": (
-        "GuidedGymError",
-        "InvalidInputError",
-        "NoPathError",
-        "StorageError",
-        "UnknownNameError",
-    ),
+    "catalogue.table": ("distribution_names", "make_distribution", "register_distribution"),
+    "errors": ("GuidedGymError", "InvalidInputError", "NoPathError", "StorageError", "UnknownNameError"),
     "geometry.environment": ("Environment",),
     "geometry.robots": ("Robot",),
     "geometry.space": ("ConfigurationSpace",),
     "guidance.base": ("GuidingSpace",),
     "guidance.hybrid": ("Hybrid",),
-    "guidance.registry": (
-        "guidance_names",
-        "make_guidance",
-        "register_guidance",
-    ),
+    "guidance.registry": ("guidance_names", "make_guidance", "make_guides", "register_guidance"),
     "measure.oracle": ("Oracle",),
     "measure.target": (
         "Measure",
+        "entropy",
         "jensen_shannon",
         "sampling_efficiency",
+        "suboptimality",
+        "target",
     ),
-    "options": (
-        "SearchOptions",
-        "TargetParameters",
-    ),
-    "planning": (
-        "Record",
-        "SearchResult",
-        "guided_search",
-    ),
-    "problems": (
-        "Problem",
-        "Task",
-    ),
+    "options": ("SearchOptions", "TargetParameters"),
+    "planning": ("Record", "SearchResult", "guided_search"),
+    "problems": ("Problem", "Task"),
+    "randomness": ("streams",),
     "search.local_planner": ("LocalPlanner",),
-    "search.search": (
-        "Expansion",
-        "Search",
-    ),
+    "search.search": ("Expansion", "Search"),
     "search.tree": ("SearchTree",),
+    "storage.path_file": ("PathDatabase",),
+    "storage.path_library": ("PathLibrary",),
+    # The rooms above the core, by name only: the core does not import them.
+    "envs.guide_selection_env": ("GuideSelectionEnv",),
+    "envs.guided_search_env": ("GuidedSearchEnv",),
+    "envs.observations": (
+        "NodeColumn",
+        "Observer",
+        "TreeObservation",
+        "node_table",
+        "rollout_bytes",
+        "valid_nodes",
+    ),
+    "envs.pool": ("ProblemPool",),
+    "envs.rewards": ("Choice", "EfficiencyReward", "JensenShannonReward", "Reward"),
+    "envs.wrappers": ("GraphObservation",),
+    "agents.scripted": (
+        "Agent",
+        "EpisodeResult",
+        "GuidanceAgent",
+        "RandomAgent",
+        "agent_names",
+        "make_agent",
+        "rollout",
+    ),
+    "train.claims": ("ClaimResult", "check_claims"),
+    "train.evaluation": ("evaluate",),
+    "train.paths": ("build_path_database",),
+    "train.reproduction": ("reproduce",),
+    "train.results": ("Results", "Run"),
+    "train.specs": ("EvaluationSettings", "GuidanceSpec"),
+    "train.table": ("summarise",),
 }
 _HOME = {name: module for module, names in _HOMES.items() for name in names}
 
 __all__ = [
+    "Agent",
+    "Choice",
+    "ClaimResult",
     "ConfigurationSpace",
+    "EfficiencyReward",
     "Environment",
+    "EpisodeResult",
+    "EvaluationSettings",
     "Expansion",
     "FixedProblem",
+    "GraphObservation",
+    "GuidanceAgent",
+    "GuidanceSpec",
+    "GuideSelectionEnv",
     "GuidedGymError",
+    "GuidedSearchEnv",
     "GuidingSpace",
     "Hybrid",
     "InvalidInputError",
+    "JensenShannonReward",
     "LocalPlanner",
     "Measure",
     "NoPathError",
+    "NodeColumn",
+    "Observer",
     "Oracle",
+    "PathDatabase",
+    "PathLibrary",
     "Problem",
     "ProblemDistribution",
     "ProblemList",
+    "ProblemPool",
+    "RandomAgent",
     "Record",
+    "Results",
+    "Reward",
     "Robot",
+    "Run",
     "SampledProblems",
     "Search",
     "SearchOptions",
@@ -130,18 +167,36 @@ __all__ = [
     "StorageError",
     "TargetParameters",
     "Task",
+    "TreeObservation",
     "UnknownNameError",
     "__version__",
+    "agent_names",
+    "build_path_database",
+    "check_claims",
     "distribution_names",
+    "entropy",
+    "evaluate",
     "guidance_names",
     "guided_search",
     "jensen_shannon",
+    "load_next_mazes",
+    "make_agent",
     "make_distribution",
     "make_guidance",
+    "make_guides",
+    "node_table",
     "problem_seed",
     "register_distribution",
     "register_guidance",
+    "reproduce",
+    "rollout",
+    "rollout_bytes",
     "sampling_efficiency",
+    "streams",
+    "suboptimality",
+    "summarise",
+    "target",
+    "valid_nodes",
 ]
 
 __version__: str

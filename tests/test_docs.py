@@ -11,7 +11,7 @@ from pathlib import Path
 import pytest
 
 import guided_gym.catalogue.table
-import guided_gym.guidance
+import guided_gym.guidance.registry
 
 REPOSITORY = Path(__file__).resolve().parents[1]
 PAGES = sorted(
@@ -54,7 +54,8 @@ def test_page_runs(page: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) 
     monkeypatch.setenv("MPLBACKEND", "Agg")
     monkeypatch.setenv("SDL_VIDEODRIVER", "dummy")
     # What a page registers is gone after it.
-    monkeypatch.setattr(guided_gym.guidance, "_GUIDANCE", dict(guided_gym.guidance._GUIDANCE))
+    registry = guided_gym.guidance.registry
+    monkeypatch.setattr(registry, "_GUIDANCE", dict(registry._GUIDANCE))
     catalogue = guided_gym.catalogue.table
     monkeypatch.setattr(catalogue, "_CATALOGUE", dict(catalogue._CATALOGUE))
     module = types.ModuleType("page")  # a real module: dataclasses look up the one that they are defined in

@@ -130,11 +130,16 @@ def evaluate(
         str | None, typer.Option(help="Who proposes expansions: uniform or a guidance; itself by default.")
     ] = None,
     goal_tolerance: Annotated[
-        float, typer.Option(help="Distance at which the goal counts as reached.")
-    ] = 0.0,
+        float | None,
+        typer.Option(help="Distance at which the goal counts as reached; what the problem says by default."),
+    ] = None,
     goal_edge: Annotated[
-        bool, typer.Option("--goal-edge/--no-goal-edge", help="Whether a visible goal counts as reached.")
-    ] = True,
+        bool | None,
+        typer.Option(
+            "--goal-edge/--no-goal-edge",
+            help="Whether a visible goal counts as reached; what the problem says by default.",
+        ),
+    ] = None,
     epsilon: Annotated[float, typer.Option(help="Least probability of a node under the target.")] = 1e-4,
     delta: Annotated[float, typer.Option(help="Temperature of the suboptimality.")] = 0.1,
     tau: Annotated[float, typer.Option(help="Temperature of the work remaining.")] = 0.1,

@@ -154,7 +154,7 @@ def search_trees(
 ) -> Figure:
     """Search trees as panels on one colour scale: (title, search, problem) of each; see `search_tree`."""
     if targets is None:
-        targets = [_target(search, problem) for _, search, problem in items]
+        targets = [_target(search) for _, search, problem in items]
     norm = workspace.target_norm(targets)
     figure, panels = _row([problem for _, _, problem in items], bar=True)
     for axes, (title, search, problem), target in zip(panels, items, targets, strict=True):

@@ -18,6 +18,7 @@ from guided_gym.errors import InvalidInputError
 from guided_gym.guidance.base import GuidingSpace
 from guided_gym.guidance.hybrid import Hybrid
 from guided_gym.guidance.learned.rule import LearnedRule, RuleModel, rule_shapes, save_rule
+from guided_gym.guidance.registry import make_guides
 from guided_gym.guidance.rules import COLUMN_NAMES
 from guided_gym.train.reinforcement import Progress, ReinforcementConfig, Tensors, Trainee, train
 from guided_gym.train.specs import package_version
@@ -94,7 +95,7 @@ class _HybridTrainee(Trainee):
 
     def guidance(self, tensors: Tensors) -> GuidingSpace:
         card = {"guides": self.config.guides, "hidden": self.config.hidden, "columns": COLUMN_NAMES}
-        return Hybrid(self.config.guides, rule=LearnedRule(RuleModel(card, tensors)))
+        return Hybrid(make_guides(self.config.guides), rule=LearnedRule(RuleModel(card, tensors)))
 
     def write(self, folder: Path, card: dict[str, Any], tensors: Tensors) -> None:
         sizes = {"guides": list(self.config.guides), "hidden": list(self.config.hidden)}

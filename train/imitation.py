@@ -484,7 +484,7 @@ class _Example:
 
 
 class _Lessons:
-    """What a node scorer is taught: its columns and the target distribution, before each choice of a search."""
+    """What a node scorer is taught: its columns and the target distribution, before each choice."""
 
     def __init__(self, guidance: LearnedGuidance, search: Search) -> None:
         self._guidance, self._tree, self._measure = guidance, search.tree, Measure(search)

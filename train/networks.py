@@ -80,7 +80,7 @@ def _double(x: Tensor) -> Tensor:
 class NodeScorer(nn.Module):
     """Logits over nodes from their columns (see `ScorerColumn`), masked.
 
-    Begins as the log of the target, were the field the truth (`guided_gym.guidance.learned.scorer.plain_tensors`).
+    Begins as the log of the target, were the field the truth (`scorer.plain_tensors`).
     """
 
     def __init__(self, architecture: ScorerArchitecture) -> None:

@@ -8,14 +8,7 @@ from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from guided_gym.train.claims import (
-    DATABASE_SIZES,
-    DRAWN,
-    PROBLEMS,
-    ClaimResult,
-    check_claims,
-    database_label,
-)
+from guided_gym.train.claims import DATABASE_SIZES, DRAWN, PROBLEMS, ClaimResult, check_claims, database_label
 from guided_gym.train.evaluation import Plan, checked_seeds, run_plans
 from guided_gym.train.paths import build_path_database
 from guided_gym.train.results import RESULTS_FILE, Results

@@ -7,7 +7,7 @@ import os
 import zipfile
 import zlib
 from pathlib import Path
-from typing import Any, Final
+from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,7 +15,6 @@ from numpy.typing import NDArray
 from guided_gym.catalogue.distributions import ProblemList
 from guided_gym.catalogue.mazes import LATTICE, lattice_environment, lattice_problem, lattice_robot
 from guided_gym.errors import GuidedGymError, InvalidInputError, StorageError
-from guided_gym.options import SearchOptions
 from guided_gym.problems import Problem, Task
 
 ENVIRONMENT_VARIABLE: Final = "GUIDED_GYM_NEXT_DATA"
@@ -31,22 +30,11 @@ VALIDATION_SIZE: Final = 300
 Array = NDArray[np.float64]
 
 
-def benchmark_options(step: float | None = None, **others: Any) -> SearchOptions:
-    """How the benchmark's own planners end: a free node less than 0.05 from the goal, by a free last edge.
-
-    A visible goal does not end these searches, as it does ours by default. Each expansion counts as a sample,
-    failed ones too, like the benchmark's attempted insertions.
-
-    Args:
-        step: Radius of the local planner's ball; None for 5 % of the diagonal, 0.14. The benchmark's RRT*
-            steers at most 0.05.
-        others: Other fields of `SearchOptions`.
-    """
-    return SearchOptions(step=step, goal_tolerance=GOAL_RADIUS, goal_edge=False, **others)
-
-
 class NextMazes(ProblemList):
     """Problems of the NEXT benchmark, in the order of their file.
+
+    They end as for the benchmark's own planners: at a free node less than 0.05 from the goal, by a free last
+    edge; a goal in sight ends nothing. ``problem.ending(0.0, by_edge=True)`` has the paper's rule instead.
 
     Args:
         maps: (n, 15, 15) 1 for obstacle cells, 0 for free ones; the first index is x.
@@ -86,7 +74,7 @@ class NextMazes(ProblemList):
         """
         if not 0 <= index < len(self):
             raise InvalidInputError(f"{self.name}: expected an index 0 to {len(self) - 1}, got {index!r}")
-        task = Task(self._starts[index], self._goals[index])
+        task = Task(self._starts[index], self._goals[index], GOAL_RADIUS, by_edge=False)
         return lattice_problem(
             lattice_environment(self.maps[index]), lattice_robot(self.robot), task, self.name
         )

@@ -82,7 +82,9 @@ def guidance_class(name: str) -> type[GuidingSpace]:
     """
     family, _, member = name.partition(":")
     if family in _FAMILIES and ":" in name:
-        cls: type[GuidingSpace] = importlib.import_module(_FAMILIES[family]).guidance_class(member)
+        cls: type[GuidingSpace] = importlib.import_module(_FAMILIES[family]).guidance_class(
+            member, make_guides
+        )
         return cls
     if ":" in name:
         module, _, attribute = name.partition(":")
@@ -123,7 +125,7 @@ def make_guidance(guidance: GuidingSpace | str, **options: Any) -> GuidingSpace:
         return make_guidance("hybrid", guides=guidance.split("+"), **options)
     cls = guidance_class(guidance)
     if cls is Hybrid:
-        options["guides"] = _made(options.get("guides", PAPERS_HYBRID))
+        options["guides"] = make_guides(options.get("guides", PAPERS_HYBRID))
     known = list(inspect.signature(cls.__init__).parameters)[1:]
     for option in options:
         if option not in known:
@@ -134,8 +136,13 @@ def make_guidance(guidance: GuidingSpace | str, **options: Any) -> GuidingSpace:
 PAPERS_HYBRID = ("lazy_prm", "medial_axis")
 
 
-def _made(guides: object) -> list[GuidingSpace]:
-    """Guiding spaces of names."""
+def make_guides(guides: object) -> list[GuidingSpace]:
+    """Guiding spaces of a sequence of names, or of guiding spaces, as hybrids take them.
+
+    Raises:
+        UnknownNameError: No guiding space has one of the names.
+        InvalidInputError: No sequence, or an empty one.
+    """
     if isinstance(guides, str) or not isinstance(guides, Sequence) or not guides:
         raise InvalidInputError(f"guides: expected a sequence of guiding spaces, got {guides!r}")
     return [make_guidance(guide) for guide in guides]

@@ -1,7 +1,7 @@
 """Collision of a rigid planar robot with convex pieces: poses, certified motions, clearance.
 
 The robot and the obstacles are unions of convex pieces; each side of the bounds is one more piece, a
-half-plane. All of it is packed (`guided_gym.geometry.convex.pack`) into a `Geometry`: one float64 and one int64 array,
+half-plane. All of it is packed (`geometry.convex.pack`) into a `Geometry`: one float64 and one int64 array,
 the same type for every robot.
 
 Layout. `index = [n_robot, n_obstacle, boxes, rows of the robot pieces ..., rows of the obstacle pieces ...]`,

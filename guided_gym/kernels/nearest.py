@@ -111,6 +111,7 @@ def _new_node(nodes: NDArray[np.int32], boxes: Floats, counters: Ints) -> int:
 
 @njit(cache=True)
 def clear_node(nodes: NDArray[np.int32], boxes: Floats, node: int) -> None:
+    """Make a node an empty leaf."""
     d = boxes.shape[1] // 2
     nodes[node, AXIS] = NONE
     nodes[node, COUNT] = 0
@@ -431,6 +432,7 @@ def within(state: State, q: Floats, r: float) -> Ints:
 
 @njit(cache=True)
 def insert_many(state: State, Q: Floats) -> int:
+    """`insert` for each row (n, d)."""
     for row in range(Q.shape[0]):
         status: int = insert(state, Q[row])
         if status < 0:
@@ -440,6 +442,7 @@ def insert_many(state: State, Q: Floats) -> int:
 
 @njit(cache=True)
 def nearest_many(state: State, Q: Floats) -> tuple[Ints, Floats]:
+    """`nearest` for each row (n, d)."""
     indices, distances = np.empty(Q.shape[0], np.int64), np.empty(Q.shape[0], np.float64)
     for row in range(Q.shape[0]):
         indices[row], distances[row] = nearest(state, Q[row])
@@ -448,6 +451,7 @@ def nearest_many(state: State, Q: Floats) -> tuple[Ints, Floats]:
 
 @njit(cache=True)
 def k_nearest_many(state: State, Q: Floats, k: int) -> tuple[Ints, Floats]:
+    """`k_nearest` for each row (n, d)."""
     indices, squares = np.empty((Q.shape[0], k), np.int64), np.empty((Q.shape[0], k), np.float64)
     for row in range(Q.shape[0]):
         _search(state, Q[row], indices[row], squares[row])

@@ -1,6 +1,7 @@
 """Guided search (paper, Algorithm 1): select a node, expand it, remember failures.
 
-Nothing here knows a guiding space, the oracle or the metric: who selects is a `Guide`, who watches a `Watcher`.
+Nothing here knows a guiding space, the oracle or the metric: who selects is a `Guide`, who measures a
+`Watcher`.
 """
 
 from __future__ import annotations
@@ -131,7 +132,7 @@ class Search:
 
     @property
     def goal_node(self) -> int:
-        """The node through which the shortest path found so far reaches the goal; NO_NODE while there is none."""
+        """The node from which the shortest path found so far reaches the goal; NO_NODE if there is none."""
         if not self._reached:
             return NO_NODE
         return min(self._reached, key=lambda end: self.tree.nodes.costs[end[0]] + end[1])[0]

@@ -20,6 +20,7 @@ ROOT: Final = 0
 Floats = NDArray[np.float64]
 Int32s = NDArray[np.int32]
 _Array = TypeVar("_Array", bound=NDArray[Any])
+_Rows = TypeVar("_Rows", Nodes, Failures)
 
 
 def _readonly(array: _Array) -> _Array:
@@ -144,7 +145,7 @@ class SearchTree:
     def _append(self, q: NDArray[np.float64], parent: int, cost: float, depth: int) -> int:
         i = self._n
         if i == self.nodes.parents.size:
-            self.nodes = Nodes(*map(_doubled, self.nodes))
+            self.nodes = _doubled(self.nodes)
         self.nodes.configurations[i] = q
         self.nodes.parents[i] = parent
         self.nodes.costs[i] = cost
@@ -163,7 +164,7 @@ class SearchTree:
         """Append (node, target) to the failed expansions; ``contact`` is the colliding configuration."""
         i = self._failed
         if i == self.failed.nodes.size:
-            self.failed = Failures(*map(_doubled, self.failed))
+            self.failed = _doubled(self.failed)
         self.failed.nodes[i] = node
         self.failed.targets[i] = target
         self.failed.contacts[i] = contact
@@ -202,9 +203,9 @@ class SearchTree:
     def reserve(self, extra: int) -> None:
         """Make room for that many more nodes and failures."""
         while self.nodes.parents.size < self._n + extra:
-            self.nodes = Nodes(*map(_doubled, self.nodes))
+            self.nodes = _doubled(self.nodes)
         while self.failed.nodes.size < self._failed + extra:
-            self.failed = Failures(*map(_doubled, self.failed))
+            self.failed = _doubled(self.failed)
 
     def grown(self, nodes: int, failures: int) -> None:
         """Take in the nodes and failures that a kernel has written behind the last ones."""
@@ -212,7 +213,6 @@ class SearchTree:
         self._failed += failures
 
 
-def _doubled(array: NDArray[Any]) -> NDArray[Any]:
-    grown = np.zeros((2 * array.shape[0], *array.shape[1:]), array.dtype)
-    grown[: array.shape[0]] = array
-    return grown
+def _doubled(rows: _Rows) -> _Rows:
+    """The same arrays with as many spare rows again."""
+    return type(rows)(*(np.concatenate([array, np.zeros_like(array)]) for array in rows))  # type: ignore[arg-type]

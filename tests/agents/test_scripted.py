@@ -6,8 +6,17 @@ import gymnasium
 import numpy as np
 import pytest
 
-from guided_gym import GuidedGymError, InvalidInputError, UnknownNameError, guided_search, make_guidance
-from guided_gym.agents import GuidanceAgent, agent_names, make_agent, rollout
+from guided_gym import (
+    GuidanceAgent,
+    GuidedGymError,
+    InvalidInputError,
+    UnknownNameError,
+    agent_names,
+    guided_search,
+    make_agent,
+    make_guidance,
+    rollout,
+)
 from guided_gym.guidance.registry import guidance_names
 from guided_gym.randomness import streams
 from guided_gym.storage.path_library import PathLibrary

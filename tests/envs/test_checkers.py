@@ -8,8 +8,7 @@ import pytest
 from gymnasium.utils.env_checker import check_env
 from gymnasium.wrappers import FlattenObservation, RecordEpisodeStatistics, RecordVideo
 
-from guided_gym import Environment, Problem, Robot, Task
-from guided_gym.envs import make_distribution, rollout_bytes
+from guided_gym import Environment, Problem, Robot, Task, make_distribution, rollout_bytes
 from guided_gym.registration import ENVIRONMENTS
 
 IDS = list(ENVIRONMENTS)

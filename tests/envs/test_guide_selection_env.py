@@ -7,10 +7,10 @@ import numpy as np
 import pytest
 from gymnasium.utils.env_checker import check_env
 
-from guided_gym import guided_search
-from guided_gym.envs import GuideSelectionEnv, make_distribution
+from guided_gym import GuideSelectionEnv, guided_search, make_distribution
 from guided_gym.errors import InvalidInputError, UnknownNameError
 from guided_gym.guidance.hybrid import Hybrid
+from guided_gym.guidance.registry import make_guides
 from guided_gym.guidance.rules import COLUMN_NAMES, GuideColumn, SearchColumn, observed_size
 from guided_gym.registration import SELECTIONS
 
@@ -62,7 +62,9 @@ def test_plain_learners_of_stable_baselines_train_on_it():
 
 def test_same_choices_same_tree_and_reward_as_a_hybrid():
     problem = make_distribution("RandomTrapCup").problem(3)
-    result = guided_search(problem, Hybrid(rule=Alternate()), seed=3, max_samples=90)
+    result = guided_search(
+        problem, Hybrid(make_guides(["lazy_prm", "medial_axis"]), rule=Alternate()), seed=3, max_samples=90
+    )
     env = GuideSelectionEnv("RandomTrapCup", max_samples=90)
     _, rewards = play(env, (int(i % 3 == 2) for i in range(90)), seed=3)
     assert np.array_equal(env.search.tree.configurations, result.tree.configurations)

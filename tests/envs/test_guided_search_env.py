@@ -16,6 +16,7 @@ from shapely.geometry import box
 from guided_gym import (
     Environment,
     GuidedGymError,
+    GuidedSearchEnv,
     InvalidInputError,
     NoPathError,
     Problem,
@@ -28,7 +29,6 @@ from guided_gym import (
     make_guidance,
     sampling_efficiency,
 )
-from guided_gym.envs import GuidedSearchEnv
 from guided_gym.envs.rewards import Choice
 
 WALL = box(0.95, 0.0, 1.05, 0.7)
@@ -60,7 +60,7 @@ def test_a_step_is_one_sample_rewarded_by_log_q_before_the_expansion(problem):
     env = make(problem)
     for _ in range(8):
         search = env.search
-        before = search.tracker.distribution()
+        before = env.measure.distribution()
         node = len(search.tree) - 1
         _, reward, _, _, info = env.step(node)
         assert reward == pytest.approx(math.log(before[node]), abs=1e-9)
@@ -123,7 +123,7 @@ def test_terminates_at_the_goal_with_the_cost_of_the_path(problem):
     env = make(problem, max_nodes=512, expansion="oracle")
     done = False
     while not done:
-        q = env.search.tracker.distribution()
+        q = env.measure.distribution()
         _, _, done, truncated, info = env.step(int(np.argmax(q)))
     assert info["solved"] and not truncated
     path = env.search.path()
@@ -173,7 +173,7 @@ def test_a_distribution_is_masked_and_normalised_and_rewarded_by_its_divergence(
         env.step(np.ones(32, np.float32))
     n = len(env.search.tree)
     weights = np.linspace(0, 1, 32, dtype=np.float32)
-    q = env.search.tracker.distribution()
+    q = env.measure.distribution()
     p = weights[:n].astype(float) / weights[:n].astype(float).sum()
     _, reward, _, _, info = env.step(weights)
     assert reward == pytest.approx(-sampling_efficiency(p, q))
@@ -277,7 +277,7 @@ def test_target_in_info_is_q_over_the_observed_tree(problem):
     for _ in range(5):
         n = len(env.search.tree)
         assert info["target"].shape == (32,) and info["target"].sum() == pytest.approx(1)
-        assert np.array_equal(info["target"][:n], env.search.tracker.distribution())
+        assert np.array_equal(info["target"][:n], env.measure.distribution())
         assert not info["target"][n:].any()
         *_, info = env.step(n - 1)
 
@@ -419,7 +419,8 @@ def test_a_copy_goes_on_as_the_original_does(problem, snapshot):
 
 def test_search_options_reach_the_search(problem):
     env = make(problem, step=0.05, candidates=3, goal_tolerance=0.01, rewire=True)
-    assert env.search.options == SearchOptions(0.05, 3, 0.01, True)
+    assert env.search.options == SearchOptions(0.05, 3, True)
+    assert (env.problem.task.tolerance, env.problem.task.by_edge) == (0.01, True)
     assert env.search.planner.step == 0.05
 
 

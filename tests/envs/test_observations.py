@@ -9,8 +9,20 @@ import numpy as np
 import pytest
 from shapely.geometry import box
 
-from guided_gym import Environment, InvalidInputError, Problem, Robot, Search, SearchOptions, Task
-from guided_gym.envs import NodeColumn, TreeObservation, node_table, rollout_bytes, valid_nodes
+from guided_gym import (
+    Environment,
+    InvalidInputError,
+    NodeColumn,
+    Problem,
+    Robot,
+    Search,
+    SearchOptions,
+    Task,
+    TreeObservation,
+    node_table,
+    rollout_bytes,
+    valid_nodes,
+)
 from guided_gym.randomness import spawn
 
 MAX_NODES, MAX_SAMPLES = 40, 38

@@ -16,8 +16,8 @@ import time
 import gymnasium
 import pytest
 
+from guided_gym import ProblemPool, make_distribution
 from guided_gym.catalogue.distributions import SampledProblems
-from guided_gym.envs import ProblemPool, make_distribution
 from guided_gym.errors import GuidedGymError, InvalidInputError, NoPathError, UnknownNameError
 from guided_gym.measure import oracle
 
@@ -39,7 +39,7 @@ def wait_until(condition):
 
 # A module of its own: a spawned worker could not import a test from another folder.
 HALF_BLOCKED = f"""
-from guided_gym.envs import make_distribution
+from guided_gym import make_distribution
 from guided_gym.errors import NoPathError
 
 def draw(rng):
@@ -54,19 +54,21 @@ def counted(monkeypatch):
     """Seeds that are prepared in this process."""
     asked = []
 
-    def prepare(distribution, seed, *args, **kwargs):
+    def problem(seed, *ending):
         asked.append(seed)
-        return distribution.problem(seed, *args, **kwargs)
+        return original(seed, *ending)
 
-    monkeypatch.setattr("guided_gym.envs.pool.problem_of_seed", prepare)
+    original = DISTRIBUTION.problem
+    monkeypatch.setattr(DISTRIBUTION, "problem", problem)
     return asked
 
 
 def test_without_workers__prepares_what_is_asked_for(counted):
     with ProblemPool(NAME, seeds=[4, 2, 9], workers=0) as pool:
         assert pool.name == NAME and pool.ready == 0 and counted == []
-        assert pool.take().fingerprint == DISTRIBUTION.problem(4).fingerprint
+        first = pool.take()
         assert counted == [4] and pool.taken == 1
+        assert first.fingerprint == DISTRIBUTION.problem(4).fingerprint
         assert len(list(pool)) == 2
         with pytest.raises(GuidedGymError, match="all 3 problems are taken"):
             pool.take()
@@ -131,7 +133,7 @@ def test_a_worker_that_dies__is_a_clear_error():
 
 PROGRAM = """
     import multiprocessing, time
-    from guided_gym.envs import ProblemPool
+    from guided_gym import ProblemPool
 
     if __name__ == "__main__":
         with ProblemPool("RandomSimplePassage", workers=2, ahead=6) as pool:
@@ -168,7 +170,7 @@ def test_a_pool_that_nobody_closed__does_not_keep_the_program(tmp_path):
     file = tmp_path / "program.py"
     file.write_text(
         textwrap.dedent("""
-        from guided_gym.envs import ProblemPool
+        from guided_gym import ProblemPool
         if __name__ == "__main__":
             pool = ProblemPool("RandomSimplePassage", workers=1, ahead=3)
             print(pool.take().name)

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 import guided_gym
-from guided_gym.envs import GraphObservation, NodeColumn, node_table
+from guided_gym import GraphObservation, NodeColumn, node_table
 
 
 @pytest.fixture

@@ -47,8 +47,11 @@ def test_bursts_and_single_samples_agree(walled: Callable[[str], Problem]) -> No
 def test_tasks__need_a_way_to_end(room: Problem) -> None:
     with pytest.raises(InvalidInputError, match="without goal_edge"):
         room.task.ending(by_edge=False)
-    with pytest.raises(InvalidInputError, match="goal_tolerance"):
-        room.ending(tolerance=-1.0)
+    for tolerance in (-1.0, np.nan, "near"):
+        with pytest.raises(InvalidInputError, match="goal_tolerance"):
+            room.ending(tolerance)  # type: ignore[arg-type]
+    with pytest.raises(InvalidInputError, match="goal_edge"):
+        room.ending(by_edge=1)  # type: ignore[arg-type]
 
 
 def test_draws__keep_problems_whose_goal_is_in_sight_if_that_does_not_solve_them(room: Problem) -> None:

@@ -148,7 +148,7 @@ def test_empty_results__count_as_new(tmp_path: Path) -> None:
 def test_no_path__leaves_no_file(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     (tmp_path / "walled.py").write_text(
         "from guided_gym import Environment, FixedProblem, Problem, Robot, Task\n"
-        "from guided_gym.envs import register_distribution\n"
+        "from guided_gym import register_distribution\n"
         "walls = Environment.from_polygons((0, 0, 4, 4), [[(2, -1), (2.5, -1), (2.5, 5), (2, 5)]])\n"
         "problem = Problem(Robot.point(), walls, Task((1, 1), (3, 3)), 'Walled')\n"
         "register_distribution('Walled', lambda: FixedProblem(problem))\n"
@@ -192,7 +192,8 @@ def test_database__build_and_info(tmp_path: Path) -> None:
 
 def test_import__registers_names_of_ones_own(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     (tmp_path / "my_guidance.py").write_text(
-        "from guided_gym.guidance import GoalDistance, register_guidance\n"
+        "from guided_gym import register_guidance\n"
+        "from guided_gym.guidance.cells import GoalDistance\n"
         "@register_guidance\n"
         "class Mine(GoalDistance):\n"
         "    name = 'mine'\n"

@@ -17,6 +17,7 @@ from guided_gym.errors import InvalidInputError, StorageError
 from guided_gym.geometry.environment import Environment
 from guided_gym.geometry.robots import Robot
 from guided_gym.guidance.registry import make_guidance
+from guided_gym.measure.target import Measure
 from guided_gym.problems import Problem, Task
 from guided_gym.randomness import streams
 from guided_gym.search.search import Search
@@ -160,7 +161,7 @@ def test_search_tree__asks_the_oracle_when_no_target_is_given():
     _, search = searched(problem, "rrt", 20)
     own = figures.search_tree(search, problem)
     nodes = own.axes[0].collections[-1].get_array()
-    assert np.allclose(np.sort(nodes), np.sort(search.tracker.distribution()))
+    assert np.allclose(np.sort(nodes), np.sort(Measure(search).distribution()))
 
 
 @pytest.mark.parametrize("dimension", [2, 3])

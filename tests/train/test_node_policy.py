@@ -15,8 +15,7 @@ pytest.importorskip("sb3_contrib")
 import torch
 from stable_baselines3.common.vec_env import DummyVecEnv
 
-from guided_gym import guided_search
-from guided_gym.envs import make_distribution
+from guided_gym import guided_search, make_distribution
 from guided_gym.errors import InvalidInputError, StorageError, UnknownNameError
 from guided_gym.guidance.learned import weights
 from guided_gym.guidance.learned.agent import LearnedAgent, LearnedGuidance

@@ -7,10 +7,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from guided_gym.catalogue.next_mazes import ENVIRONMENT_VARIABLE, benchmark_options
+from guided_gym.catalogue.next_mazes import ENVIRONMENT_VARIABLE
 from guided_gym.catalogue.splits import problem_seed
 from guided_gym.catalogue.table import make_distribution
 from guided_gym.errors import StorageError
+from guided_gym.options import SearchOptions
 from guided_gym.planning import guided_search
 from guided_gym.train.evaluation import evaluate
 from guided_gym.train.specs import EvaluationSettings
@@ -35,12 +36,12 @@ def test_a_benchmark_file__is_evaluated_in_its_order(tmp_path: Path, monkeypatch
     np.savez(tmp_path / "mazes_15_2_train.npz", maps=walls, init_states=starts, goal_states=goals)
     monkeypatch.setenv(ENVIRONMENT_VARIABLE, str(tmp_path))
     make_distribution.cache_clear()
-    settings = EvaluationSettings(max_samples=2000, step=0.1, goal_tolerance=0.05, goal_edge=False)
+    settings = EvaluationSettings(max_samples=2000, step=0.1)
     runs = evaluate("NextPoint", "rrt", seeds=3, settings=settings).runs
     for k, run in enumerate(runs):
         problem = make_distribution("NextPoint").problem(k)
         assert problem.task.start.tolist() == starts[k].tolist()
-        result = guided_search(problem, "rrt", seed=k, max_samples=2000, options=benchmark_options(0.1))
+        result = guided_search(problem, "rrt", seed=k, max_samples=2000, options=SearchOptions(step=0.1))
         assert run.samples == result.samples > 0
     make_distribution.cache_clear()
     monkeypatch.delenv(ENVIRONMENT_VARIABLE)

@@ -14,11 +14,12 @@ import numpy as np
 import pytest
 from typer.testing import CliRunner
 
+from guided_gym.guidance.registry import make_guides
+
 pytest.importorskip("torch")
 pytest.importorskip("sb3_contrib")
 
-from guided_gym import guided_search
-from guided_gym.envs import make_distribution
+from guided_gym import guided_search, make_distribution
 from guided_gym.errors import InvalidInputError, StorageError, UnknownNameError
 from guided_gym.guidance.hybrid import Hybrid
 from guided_gym.guidance.learned import weights
@@ -49,7 +50,10 @@ def finished(tmp_path_factory: pytest.TempPathFactory) -> Path:
 def test_the_rule_guides_a_hybrid_and_its_card_says_how_it_came_about(finished):
     rule = LearnedRule(finished / "agent")
     problem = make_distribution("RandomTrapCup").problem(0)
-    assert guided_search(problem, Hybrid(rule.guides, rule=rule), seed=0, max_samples=20).samples <= 20
+    assert (
+        guided_search(problem, Hybrid(make_guides(rule.guides), rule=rule), seed=0, max_samples=20).samples
+        <= 20
+    )
     assert rule.model.card["training"]["environments"] == ["TrapCup"]
     assert [row["steps"] for row in rule.model.card["metrics"]["history"]] == [0, 32, 64]
 
@@ -59,7 +63,7 @@ def test_the_exported_rule_decides_as_the_policy_did(finished):
     import torch
     from stable_baselines3 import PPO
 
-    from guided_gym.envs import GuideSelectionEnv
+    from guided_gym import GuideSelectionEnv
     from guided_gym.train.hybrid_rule import _HybridTrainee
 
     env = GuideSelectionEnv(max_samples=10)

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import hashlib
 import sys
+from collections.abc import Callable, Sequence
 from functools import lru_cache, partialmethod
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, ClassVar, Final
@@ -182,17 +183,23 @@ def load_named(name: str) -> LearnedAgent:
     return _loaded(folder, tuple(stamp))
 
 
-def guidance_class(name: str) -> type[GuidingSpace]:
+def guidance_class(
+    name: str, make_guides: Callable[[Sequence[str]], list[GuidingSpace]]
+) -> type[GuidingSpace]:
     """The guiding space of one agent, as a class: what ``"learned:NAME"`` stands for.
 
     Of a rule's folder, the hybrid of that rule and its guides.
+
+    Args:
+        name: The agent.
+        make_guides: Makes guiding spaces of the names of a rule's guides.
 
     Raises:
         UnknownNameError: No such agent.
         StorageError: Its files cannot be used.
     """
     if weights.card_kind(agent_folder(name)) == rules.RULE_KIND:
-        return rules.hybrid_class(name, agent_folder(name))
+        return rules.hybrid_class(name, agent_folder(name), make_guides)
     load_named(name)
     body = {"name": f"learned:{name}", "__init__": partialmethod(LearnedGuidance.__init__, name)}
     return type("LearnedGuidance", (LearnedGuidance,), {**body, "__doc__": LearnedGuidance.__doc__})

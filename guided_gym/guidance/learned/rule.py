@@ -7,7 +7,7 @@
 from __future__ import annotations
 
 import itertools
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
 
@@ -102,7 +102,7 @@ def load_rule_card(folder: Path) -> dict[str, Any]:
 
 
 class LearnedRule:
-    """A trained rule: ``Hybrid(rule.guides, rule=rule)``.
+    """A trained rule: ``Hybrid(make_guides(rule.guides), rule=rule)``.
 
     Args:
         model: A folder that `guided-gym train hybrid` wrote, or a `RuleModel`.
@@ -151,7 +151,9 @@ class LearnedRule:
         return draw(np.exp((logits - logits.max()).astype(np.float64) / self.temperature), self._rng)
 
 
-def hybrid_class(name: str, folder: Path) -> type[Hybrid]:
+def hybrid_class(
+    name: str, folder: Path, make_guides: Callable[[Sequence[str]], list[GuidingSpace]]
+) -> type[Hybrid]:
     """The hybrid of a rule and of its guides, as a class: what ``"learned:NAME"`` stands for.
 
     Raises:
@@ -167,7 +169,7 @@ def hybrid_class(name: str, folder: Path) -> type[Hybrid]:
         """
 
         def __init__(self, *, temperature: float = 0.0) -> None:
-            super().__init__(model.guides, LearnedRule(model, temperature=temperature))
+            super().__init__(make_guides(model.guides), LearnedRule(model, temperature=temperature))
 
     LearnedHybrid.name = f"learned:{name}"
     return LearnedHybrid

@@ -180,8 +180,8 @@ class RoadmapGuidance(GuidingSpace):
         rows = tree.index.within(contact, radius + nodes.longest)
         rows = rows[rows < len(nodes)]
         drop_anchors(
-            tree.nodes.configurations, rows, nodes.anchors.vertices, nodes.anchors.lengths, self.roadmap.points,
-            contact[None], radius, self.space.metric,
+            tree.nodes.configurations, rows, nodes.anchors.vertices, nodes.anchors.lengths,
+            self.roadmap.points, contact[None], radius, self.space.metric,
         )  # fmt: skip
         nodes.stale(rows)
 

@@ -8,7 +8,7 @@ import shapely
 
 from guided_gym.catalogue import clutter
 from guided_gym.catalogue.clutter import APART, POLYGONS, random_clutter
-from guided_gym.envs import make_distribution
+from guided_gym.catalogue.table import make_distribution
 from guided_gym.errors import NoPathError
 from guided_gym.measure.oracle import Oracle, oracle_for
 

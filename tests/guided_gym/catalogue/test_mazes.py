@@ -7,14 +7,8 @@ import pytest
 import shapely
 
 from guided_gym.catalogue.grids import carved
-from guided_gym.catalogue.mazes import (
-    MOST_OBSTACLES,
-    POINT_ROOMS,
-    ROOMS,
-    lattice_environment,
-    lattice_mazes,
-)
-from guided_gym.envs import make_distribution
+from guided_gym.catalogue.mazes import MOST_OBSTACLES, POINT_ROOMS, ROOMS, lattice_environment, lattice_mazes
+from guided_gym.catalogue.table import make_distribution
 from guided_gym.errors import InvalidInputError
 from guided_gym.measure.oracle import Oracle
 

@@ -12,16 +12,11 @@ import pytest
 
 from guided_gym import guided_search
 from guided_gym.catalogue.grids import carved
-from guided_gym.catalogue.next_mazes import (
-    ENVIRONMENT_VARIABLE,
-    NextMazes,
-    benchmark_options,
-    load_next_mazes,
-    next_mazes,
-)
+from guided_gym.catalogue.next_mazes import ENVIRONMENT_VARIABLE, NextMazes, load_next_mazes, next_mazes
 from guided_gym.catalogue.splits import in_split
-from guided_gym.envs import make_distribution
+from guided_gym.catalogue.table import make_distribution
 from guided_gym.errors import InvalidInputError, StorageError
+from guided_gym.options import SearchOptions
 
 FOLDER = os.environ.get(ENVIRONMENT_VARIABLE, "")
 needs_data = pytest.mark.skipif(not FOLDER, reason=f"{ENVIRONMENT_VARIABLE} is not set")
@@ -86,17 +81,17 @@ def test_the_stick_has_the_benchmark_s_distance(tmp_path):
     assert float(half_turn) == pytest.approx(0.4)  # not the same state
 
 
-def test_benchmark_options__end_in_the_goal_region_only():
+def test_problems__end_in_the_goal_region_only():
     walls = np.ones((1, 15, 15), np.uint8)
     walls[0, 1:-1, 1:-1] = 0
     mazes = NextMazes(walls, [[-0.5, 0.0]], [[0.5, 0.0]])  # in sight of each other
-    options = benchmark_options(step=0.05)
+    options = SearchOptions(step=0.05)
     result = guided_search(mazes[0], "rrt", seed=0, max_samples=5000, options=options)
     away = mazes[0].space.distance(result.tree.configurations, (0.5, 0.0))
     assert result.solved and away[-1] < 0.05 <= away[:-1].min()
     assert result.samples >= 19 and result.samples == len(result.tree) - 1 + result.tree.failure_count
-    assert options.goal_tolerance < 0.05  # the region is open
-    assert benchmark_options(rewire=True).rewire
+    assert mazes[0].task.tolerance < 0.05  # the region is open
+    assert mazes[0].ending(0.0, by_edge=True).task.by_edge
 
 
 def test_parts__are_the_last_300_and_the_others():
@@ -189,5 +184,5 @@ def test_the_published_data(robot, visible):
     free = [p.space.motion_free(p.task.start, p.task.goal) for p in problems]
     assert np.mean(free) == pytest.approx(visible, abs=0.06)
     for problem in problems[:3]:
-        result = guided_search(problem, "oracle", seed=0, max_samples=300, options=benchmark_options(0.1))
+        result = guided_search(problem, "oracle", seed=0, max_samples=300, options=SearchOptions(step=0.1))
         assert result.solved

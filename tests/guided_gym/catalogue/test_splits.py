@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 
 from guided_gym.catalogue.distributions import ProblemList
 from guided_gym.catalogue.splits import SPLITS, TEST, TRAIN, Split, in_split, problem_seed
-from guided_gym.envs import make_distribution
+from guided_gym.catalogue.table import make_distribution
 from guided_gym.errors import InvalidInputError, UnknownNameError
 from guided_gym.problems import Problem
 from guided_gym.randomness import streams

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 import shapely
 
+from guided_gym.catalogue.table import make_distribution
 from guided_gym.catalogue.trap_cups import ORDERS
-from guided_gym.envs import make_distribution
 from guided_gym.measure.oracle import Oracle
 
 DISTRIBUTION = make_distribution("RandomTrapCup")

@@ -379,7 +379,7 @@ def test_fingerprint_tells_contents_apart():
 
 def test_fingerprint_is_the_same_in_another_process():
     code = (
-        "import shapely; from guided_gym.geometry.robots import Robot; from guided_gym.geometry.environment import Environment;"
+        "import shapely; from guided_gym import Environment, Robot;"
         "from guided_gym.geometry.space import ConfigurationSpace as C;"
         "e = Environment((0, 0, 10, 10), (shapely.box(4.5, 0, 5.5, 4.6), shapely.box(4.5, 5.4, 5.5, 10)));"
         "print(C(Robot.rectangle(1.0, 0.4), e).fingerprint())"

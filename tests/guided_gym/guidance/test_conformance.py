@@ -12,11 +12,13 @@ from typing import ClassVar
 import numpy as np
 import pytest
 
-from guided_gym import guidance as guiding
 from guided_gym.errors import InvalidInputError, UnknownNameError
 from guided_gym.geometry.environment import Environment
 from guided_gym.geometry.robots import Robot
+from guided_gym.guidance import registry
 from guided_gym.guidance.base import GuidingSpace
+from guided_gym.guidance.cells import Uninformed, Voronoi
+from guided_gym.guidance.environment_modification import LazyPRM
 from guided_gym.guidance.registry import guidance_names, make_guidance, register_guidance
 from guided_gym.planning import guided_search
 from guided_gym.problems import Problem, Task
@@ -297,7 +299,7 @@ def test_make_guidance__refuses_what_is_no_guiding_space(bad: object) -> None:
 def test_make_guidance__takes_names_paths_and_instances() -> None:
     instance = make_guidance("rrt")
     assert make_guidance(instance) is instance
-    assert type(make_guidance("guided_gym.guidance:LazyPRM")) is guiding.LazyPRM
+    assert type(make_guidance("guided_gym.guidance.environment_modification:LazyPRM")) is LazyPRM
     with pytest.raises(InvalidInputError, match="need a name"):
         make_guidance(instance, goal_bias=0.1)
     with pytest.raises(UnknownNameError, match="did you mean 'lazy_prm'"):
@@ -317,7 +319,7 @@ def test_guidance__can_be_pickled_before_a_search(walled: Walled, name: str) -> 
 
 
 def test_registering__takes_thirty_lines(monkeypatch: pytest.MonkeyPatch, walled: Walled) -> None:
-    monkeypatch.setattr(guiding, "_GUIDANCE", dict(guiding._GUIDANCE))
+    monkeypatch.setattr(registry, "_GUIDANCE", dict(registry._GUIDANCE))
 
     @register_guidance
     class Workspace(GuidingSpace):
@@ -349,7 +351,7 @@ def test_registering__takes_thirty_lines(monkeypatch: pytest.MonkeyPatch, walled
 
 @pytest.mark.parametrize("name", ["", "a+b", "a:b", "a b", "a,b", "a@b", None, 3])
 def test_registering__refuses_names_that_would_be_misread(name: str) -> None:
-    class Nameless(guiding.Uninformed):
+    class Nameless(Uninformed):
         pass
 
     Nameless.name = name
@@ -358,14 +360,14 @@ def test_registering__refuses_names_that_would_be_misread(name: str) -> None:
 
 
 def test_registering__keeps_what_has_the_name(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(guiding, "_GUIDANCE", dict(guiding._GUIDANCE))
+    monkeypatch.setattr(registry, "_GUIDANCE", dict(registry._GUIDANCE))
 
-    class Mine(guiding.Uninformed):
+    class Mine(Uninformed):
         name: ClassVar[str] = "rrt"
 
     with pytest.raises(InvalidInputError, match=r"Voronoi; replace=True"):
         register_guidance(Mine)
-    assert type(make_guidance("rrt")) is guiding.Voronoi
+    assert type(make_guidance("rrt")) is Voronoi
     register_guidance(Mine, replace=True)
     assert type(make_guidance("rrt")) is Mine
     twin = type("Mine", (Mine,), {"__qualname__": Mine.__qualname__, "__module__": Mine.__module__})

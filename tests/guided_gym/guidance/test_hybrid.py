@@ -11,7 +11,7 @@ from guided_gym.errors import InvalidInputError, UnknownNameError
 from guided_gym.guidance.cells import GoalDistance, Uninformed
 from guided_gym.guidance.environment_modification import LazyPRM
 from guided_gym.guidance.hybrid import Hybrid
-from guided_gym.guidance.registry import make_guidance
+from guided_gym.guidance.registry import make_guidance, make_guides
 from guided_gym.guidance.robot_modification import MedialAxis
 from guided_gym.planning import guided_search
 from guided_gym.problems import Problem
@@ -64,13 +64,15 @@ def test_guides__swap_at_each_collision_and_all_learn(walled: Walled) -> None:
 def test_hybrid__of_one_is_that_one(walled: Walled) -> None:
     for name in ("lazy_prm", "medial_axis", "rrt"):
         alone = guided_search(walled("rectangle"), name, seed=6, max_samples=150, measure=False)
-        hybrid = guided_search(walled("rectangle"), Hybrid([name]), seed=6, max_samples=150, measure=False)
+        hybrid = guided_search(
+            walled("rectangle"), Hybrid(make_guides([name])), seed=6, max_samples=150, measure=False
+        )
         assert (alone.tree.configurations == hybrid.tree.configurations).all()
         assert alone.collision_checks == hybrid.collision_checks
 
 
 def test_reset__starts_with_the_first_again(walled: Walled) -> None:
-    hybrid = Hybrid(["goal_distance", "uninformed"])
+    hybrid = Hybrid(make_guides(["goal_distance", "uninformed"]))
     guided_search(walled("rectangle"), hybrid, seed=0, max_samples=50, measure=False)
     hybrid.current = 1
     search = Search(walled("rectangle"), *streams(0)[1:])
@@ -87,7 +89,7 @@ def test_names__may_be_joined_and_nested(walled: Walled) -> None:
     joined = make_guidance("goal_distance+uninformed+lazy_prm")
     assert isinstance(joined, Hybrid)
     assert [type(g) for g in joined.guides] == [GoalDistance, Uninformed, LazyPRM]
-    nested = Hybrid([Hybrid(["medial_axis", "goal_distance"]), "rrt"])
+    nested = Hybrid(make_guides([Hybrid(make_guides(["medial_axis", "goal_distance"])), "rrt"]))
     result = guided_search(walled("rectangle"), nested, seed=0, max_samples=150, distributions=True)
     assert np.isfinite(result.record.divergence[result.record.selected >= 0]).any()
     assert result.tree.failure_count > 0
@@ -124,7 +126,7 @@ def test_rule__is_an_option(walled: Walled) -> None:
 
 
 def test_states__carry_the_guide_they_belong_to(walled: Walled) -> None:
-    hybrid = Hybrid(["goal_distance", "medial_axis"])
+    hybrid = Hybrid(make_guides(["goal_distance", "medial_axis"]))
     search = Search(walled("rectangle"), *streams(0)[1:])
     search.attach(hybrid)
     q = np.array([[2.0, 5.0, 0.0]])

@@ -8,9 +8,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from guided_gym.kernels.anchors import anchored_values, drop_anchors, nearest_segments
-from guided_gym.kernels.metric import segment_separation
+from guided_gym.kernels.metric import Metric, segment_separation
 
-W, P = np.ones(2), np.zeros(2)
+M = Metric(np.ones(2), np.zeros(2))
 
 
 def test_anchored_values__hand_worked() -> None:
@@ -31,19 +31,19 @@ def test_drop_anchors__those_that_pass_near_and_no_others(seed: int, radius: flo
     lengths = np.hypot(*(q[:, None] - points[vertices]).transpose(2, 0, 1))
     lengths[rng.random((4, 3)) < 0.2] = np.inf
     before = lengths.copy()
-    drop_anchors(q, np.arange(3), vertices, lengths, points, contacts, radius, W, P)
+    drop_anchors(q, np.arange(3), vertices, lengths, points, contacts, radius, M)
     assert (lengths[3] == before[3]).all()  # only the first 3
     for i in range(3):
         for j in range(3):
             v = vertices[i, j]
-            near = v >= 0 and any(segment_separation(q[i], points[v], c, W, P) <= radius for c in contacts)
+            near = v >= 0 and any(segment_separation(q[i], points[v], c, M) <= radius for c in contacts)
             assert lengths[i, j] == (np.inf if near else before[i, j])
 
 
 def test_drop_anchors__that_have_no_length() -> None:
     q = np.array([[1.0, 1.0]])
     lengths = np.zeros((1, 1))
-    drop_anchors(q, np.arange(1), np.zeros((1, 1), np.int32), lengths, q, np.array([[1.0, 1.1]]), 0.2, W, P)
+    drop_anchors(q, np.arange(1), np.zeros((1, 1), np.int32), lengths, q, np.array([[1.0, 1.1]]), 0.2, M)
     assert lengths[0, 0] == np.inf
 
 
@@ -56,7 +56,7 @@ def test_nearest_segments__agree_with_brute_force(seed: int) -> None:
     segment, fraction, away = nearest_segments(q, tails, heads)
     for i in range(5):
         all_of_them = [
-            segment_separation(a, b, q[i, :2].copy(), W, P) for a, b in zip(tails, heads, strict=True)
+            segment_separation(a, b, q[i, :2].copy(), M) for a, b in zip(tails, heads, strict=True)
         ]
         assert away[i] == pytest.approx(min(all_of_them), abs=1e-6)
         e = segment[i]

@@ -7,9 +7,10 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from guided_gym.kernels.metric import Metric
 from guided_gym.kernels.waypoints import path_anchors
 
-W, P = np.ones(2), np.zeros(2)
+M = Metric(np.ones(2), np.zeros(2))
 
 
 def test_path_anchors__hand_worked() -> None:
@@ -17,7 +18,7 @@ def test_path_anchors__hand_worked() -> None:
     path_of = np.array([0, 0, 0, 1, 2], np.int32)
     distance = np.array([12.0, 11, 10, 3, 0])
     near = np.array([0, 1, 2, 3, 4])
-    vertices, lengths = path_anchors(np.zeros((1, 2)), near, points, path_of, distance, 2.0, 3, W, P)
+    vertices, lengths = path_anchors(np.zeros((1, 2)), near, points, path_of, distance, 2.0, 3, M)
     # Path 1: 1 + 3. Path 0: all three total 12; the first wins. Path 2 is out of reach.
     assert vertices.tolist() == [[3, 0, -1]]
     assert lengths.tolist() == [[1, 0, np.inf]]
@@ -34,7 +35,7 @@ def test_path_anchors__agree_with_brute_force(seed: int, k: int) -> None:
     distance[np.isin(path_of, rng.integers(0, counts.size, 2))] = np.inf  # filtered paths
     near = np.flatnonzero(rng.random(len(points)) < 0.8)
     q = rng.uniform(0, 4, (3, 2))
-    vertices, lengths = path_anchors(q, near, points, path_of, distance, 1.5, k, W, P)
+    vertices, lengths = path_anchors(q, near, points, path_of, distance, 1.5, k, M)
     for i in range(3):
         away = np.hypot(*(points - q[i]).T)
         best: dict[int, float] = {}

@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from guided_gym.agents import make_agent, rollout
+from guided_gym.agents.scripted import make_agent, rollout
 from guided_gym.catalogue.table import make_distribution
 from guided_gym.envs.guided_search_env import GuidedSearchEnv
 from guided_gym.errors import InvalidInputError, UnknownNameError

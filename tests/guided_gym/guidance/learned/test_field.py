@@ -12,12 +12,7 @@ from guided_gym.catalogue.table import make_distribution
 from guided_gym.errors import InvalidInputError, StorageError
 from guided_gym.geometry.environment import Environment
 from guided_gym.geometry.robots import Robot
-from guided_gym.guidance.learned.field import (
-    FieldArchitecture,
-    FieldModel,
-    decoder_input,
-    plain_tensors,
-)
+from guided_gym.guidance.learned.field import FieldArchitecture, FieldModel, decoder_input, plain_tensors
 from guided_gym.guidance.solvers.wave import PoseGrid, WaveModel
 from guided_gym.measure.oracle import oracle_for
 from guided_gym.problems import Problem, Task

@@ -8,13 +8,14 @@ import numpy as np
 import pytest
 
 from guided_gym import guided_search
-from guided_gym.envs import GuideSelectionEnv, make_distribution
+from guided_gym.catalogue.table import make_distribution
+from guided_gym.envs.guide_selection_env import GuideSelectionEnv
 from guided_gym.errors import InvalidInputError, StorageError
 from guided_gym.guidance.hybrid import Hybrid
 from guided_gym.guidance.learned import weights
 from guided_gym.guidance.learned.agent import fingerprint
 from guided_gym.guidance.learned.rule import LearnedRule, RuleModel, rule_shapes, save_rule
-from guided_gym.guidance.registry import make_guidance
+from guided_gym.guidance.registry import make_guidance, make_guides
 from guided_gym.guidance.rules import COLUMN_NAMES, GuideColumn, SearchColumn, SwapAtCollision, observed_size
 
 GUIDES = ["lazy_prm", "medial_axis"]
@@ -58,7 +59,9 @@ def test_logits_are_those_of_the_perceptron():
 def test_a_rule_that_keeps_its_guide_keeps_it(tmp_path):
     rule = LearnedRule(folder_of(tmp_path, keeping_tensors()))
     problem = make_distribution("RandomTrapCup").problem(1)
-    kept = guided_search(problem, Hybrid(rule.guides, rule=rule), seed=1, max_samples=40, measure=False)
+    kept = guided_search(
+        problem, Hybrid(make_guides(rule.guides), rule=rule), seed=1, max_samples=40, measure=False
+    )
     alone = guided_search(problem, "lazy_prm", seed=1, max_samples=40, measure=False)
     assert np.array_equal(kept.tree.configurations, alone.tree.configurations)
 
@@ -69,7 +72,7 @@ def test_the_same_seed_gives_the_same_tree(tmp_path, temperature):
     problem = make_distribution("RandomTrapCup").problem(2)
     trees = []
     for _ in range(2):
-        hybrid = Hybrid(GUIDES, rule=LearnedRule(folder, temperature=temperature))
+        hybrid = Hybrid(make_guides(GUIDES), rule=LearnedRule(folder, temperature=temperature))
         trees.append(guided_search(problem, hybrid, seed=2, max_samples=40, measure=False).tree)
     assert np.array_equal(trees[0].configurations, trees[1].configurations)
 
@@ -85,7 +88,9 @@ def test_it_decides_in_a_hybrid_as_it_does_in_the_environment(tmp_path):
         if terminated or truncated:
             break
     problem = make_distribution("RandomTrapCup").problem(5)
-    result = guided_search(problem, Hybrid(GUIDES, rule=LearnedRule(model)), seed=5, max_samples=60)
+    result = guided_search(
+        problem, Hybrid(make_guides(GUIDES), rule=LearnedRule(model)), seed=5, max_samples=60
+    )
     assert np.array_equal(env.search.tree.configurations, result.tree.configurations)
 
 
@@ -93,8 +98,8 @@ def test_other_guides_are_refused(tmp_path):
     rule = LearnedRule(folder_of(tmp_path, keeping_tensors()))
     problem = make_distribution("RandomTrapCup").problem(1)
     with pytest.raises(InvalidInputError, match="lazy_prm, medial_axis"):
-        guided_search(problem, Hybrid(["medial_axis", "lazy_prm"], rule=rule), max_samples=3)
-    guided_search(problem, Hybrid(GUIDES, rule=SwapAtCollision()), max_samples=3)
+        guided_search(problem, Hybrid(make_guides(["medial_axis", "lazy_prm"]), rule=rule), max_samples=3)
+    guided_search(problem, Hybrid(make_guides(GUIDES), rule=SwapAtCollision()), max_samples=3)
 
 
 @pytest.mark.parametrize("change", [{"guides": [*GUIDES, "rrt"]}, {"hidden": [3]}, {"columns": ["x"]}])
@@ -115,7 +120,7 @@ def test_its_name_stands_for_the_hybrid(tmp_path):
     folder = folder_of(tmp_path, random_tensors(), hidden=[4])
     problem = make_distribution("RandomTrapCup").problem(2)
     named = guided_search(problem, make_guidance(f"learned:{folder}"), seed=2, max_samples=30)
-    made = guided_search(problem, Hybrid(GUIDES, LearnedRule(folder)), seed=2, max_samples=30)
+    made = guided_search(problem, Hybrid(make_guides(GUIDES), LearnedRule(folder)), seed=2, max_samples=30)
     assert np.array_equal(named.tree.configurations, made.tree.configurations)
     assert make_guidance(f"learned:{folder}", temperature=1.0).rule.temperature == 1.0
     assert fingerprint(str(folder)) == fingerprint(str(folder))
