@@ -110,6 +110,7 @@ _HOMES: dict[str, tuple[str, ...]] = {
         "make_agent",
         "rollout",
     ),
+    "train": ("figures",),
     "train.claims": ("ClaimResult", "check_claims"),
     "train.evaluation": ("evaluate",),
     "train.paths": ("build_path_database",),
@@ -176,6 +177,7 @@ __all__ = [
     "distribution_names",
     "entropy",
     "evaluate",
+    "figures",
     "guidance_names",
     "guided_search",
     "jensen_shannon",
@@ -208,7 +210,9 @@ def __getattr__(name: str) -> Any:
 
         value: Any = version("guided-gym")
     elif name in _HOME:
-        value = getattr(importlib.import_module(f"guided_gym.{_HOME[name]}"), name)
+        home = f"guided_gym.{_HOME[name]}"
+        module = importlib.import_module(home)
+        value = getattr(module, name) if hasattr(module, name) else importlib.import_module(f"{home}.{name}")
     else:
         raise AttributeError(f"module 'guided_gym' has no attribute {name!r}")
     globals()[name] = value

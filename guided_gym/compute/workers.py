@@ -15,7 +15,6 @@ from typing import Protocol, TypeVar
 
 from guided_gym.checks import integer
 from guided_gym.errors import GuidedGymError, InvalidInputError
-from guided_gym.measure.oracle_store import warn_before_workers, warn_no_more
 
 WORKER_DIED = (
     "expected the worker processes to live, but one died (killed, out of memory, or started from a script "
@@ -28,6 +27,9 @@ T = TypeVar("T")
 R = TypeVar("R")
 
 _WINDOW_PER_WORKER = 2  # tasks handed out per worker: it never waits, and a stop drops few
+
+_WORKER = "GUIDED_GYM_WORKER"  # set in worker processes
+_before_workers: list[Callable[[], None]] = []
 
 
 class MapTasks(Protocol):
@@ -92,7 +94,8 @@ def start_workers(
     """
     integer("workers", workers, least=1)
     _check_importable(prepare)
-    warn_before_workers()
+    for hook in _before_workers:
+        hook()
     return concurrent.futures.ProcessPoolExecutor(
         workers,
         mp_context=multiprocessing.get_context("spawn"),
@@ -156,11 +159,22 @@ def _check_importable(function: Callable[..., object] | None) -> None:
         ) from error
 
 
+def before_workers(hook: Callable[[], None]) -> Callable[[], None]:
+    """Decorator: has a function called before processes start, like to warn once of what each would find."""
+    _before_workers.append(hook)
+    return hook
+
+
+def in_worker() -> bool:
+    """Whether this process is one of `start_workers`: warnings are its parent's to give."""
+    return _WORKER in os.environ
+
+
 def _start_worker(prepare: Callable[[], None] | None) -> None:
     """Leave Ctrl-C, which a terminal sends to the workers too, to the parent; end when it is killed."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     threading.Thread(target=_end_with_parent, daemon=True).start()
-    warn_no_more()
+    os.environ[_WORKER] = "1"
     if prepare is not None:
         prepare()
 

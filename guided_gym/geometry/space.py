@@ -5,6 +5,7 @@ from __future__ import annotations
 import hashlib
 import math
 from collections.abc import Sequence
+from functools import cached_property
 
 import numpy as np
 import numpy.typing as npt
@@ -93,6 +94,17 @@ class ConfigurationSpace:
         self.geometry: collision.Geometry = pack(
             robot.pieces, environment.pieces, environment.bounds, self.tolerance
         )
+
+    @cached_property
+    def scale(self) -> float:
+        """A length that is natural here: 5 % of the diagonal, or half of the mean width of the free space.
+
+        The smaller of the two. The mean width is the hydraulic diameter, four times the area by the length of
+        the boundary; guiding spaces measure in this unit what a failure teaches, whatever the step.
+        """
+        free = self.environment.free_space
+        width = 4.0 * free.area / free.length if free.length > 0 else self.extent
+        return float(min(0.05 * self.extent, 0.5 * width))
 
     def __setstate__(self, state: dict[str, object]) -> None:
         """Unpickled arrays are writable; ours are not, and the kernels would compile for both."""

@@ -14,6 +14,7 @@ import numpy as np
 import numpy.typing as npt
 import platformdirs
 
+from guided_gym.compute.workers import before_workers, in_worker
 from guided_gym.errors import warn
 
 FieldArray = npt.NDArray[np.float32]
@@ -145,7 +146,7 @@ _warned = threading.Event()
 
 
 def _warn_once(folder: Path, error: OSError) -> None:
-    if not _warned.is_set():
+    if not (_warned.is_set() or in_worker()):
         _warned.set()
         warn(
             f"the cache folder {folder} cannot be used ({error}); working without it. "
@@ -153,13 +154,9 @@ def _warn_once(folder: Path, error: OSError) -> None:
         )
 
 
+@before_workers
 def warn_before_workers() -> None:
-    """Warn here if nothing can be kept: the workers, which would each find out, have `warn_no_more`."""
+    """Warn here if nothing can be kept: the workers would each find out."""
     store = FieldStore.default()
     if store.folder is not None and (error := store.trouble()) is not None:
         _warn_once(store.folder, error)
-
-
-def warn_no_more() -> None:
-    """Leave warning to the process that started this one."""
-    _warned.set()
