@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from guided_gym.envs.guided_search_env import GuidedSearchEnv
 from guided_gym.errors import GuidedGymError, InvalidInputError, UnknownNameError
 from guided_gym.guidance.base import GuidingSpace
-from guided_gym.guidance.registry import guidance_names, make_guidance
+from guided_gym.guidance.registry import check_name, guidance_names, make_guidance
 from guided_gym.search.search import Search
 
 Observation = Mapping[str, NDArray[Any]]
@@ -160,7 +160,8 @@ def make_agent(
     """An agent by name, or a guiding space as an agent.
 
     Args:
-        agent: Name of a guiding space, ``"random"``, ``"masked_random"``, or a guiding space.
+        agent: Name or expression of a guiding space (see `guided_gym.make_guidance`), ``"random"``,
+            ``"masked_random"``, or a guiding space.
         env: The environment to act in; without it, call ``agent.reset(env)`` after ``env.reset()``.
         **options: Options of the guiding space or agent.
 
@@ -172,8 +173,8 @@ def make_agent(
             if option != "seed":
                 raise UnknownNameError(f"option of agent {agent!r}:", option, ["seed"])
         return AGENTS[agent](env=env, **options)
-    if isinstance(agent, str) and not set(agent) & set("+:") and agent not in guidance_names():
-        raise UnknownNameError("agent", agent, agent_names())
+    if isinstance(agent, str):
+        check_name("agent", agent, agent_names())
     return GuidanceAgent(agent, env, **options)
 
 

@@ -19,25 +19,34 @@ class InvalidInputError(GuidedGymError, ValueError):
 
 
 class UnknownNameError(GuidedGymError, KeyError):
-    """A name (environment, guidance, option) that is not in its table."""
+    """A name (environment, guidance, option) that is not in its table.
 
-    def __init__(self, kind: str, name: object, known: Iterable[str]) -> None:
+    Attributes:
+        subject: The kind of thing and its name, for messages.
+    """
+
+    def __init__(self, kind: str, name: object, known: Iterable[str], where: str = "") -> None:
         known = sorted(known)
         close = difflib.get_close_matches(str(name), known, n=1, cutoff=0.4)
         hint = f"; did you mean {close[0]!r}?" if close else ""
-        self.message = f"unknown {kind} {name!r}{hint} (known: {', '.join(known)})"
+        self.subject = f"{kind} {name!r}"
+        self.message = f"unknown {self.subject}{where and f' {where}'}{hint} (known: {', '.join(known)})"
         super().__init__(self.message)
 
     def __str__(self) -> str:
         return self.message
 
+    def placed(self, where: str) -> UnknownNameError:
+        """This error, saying where in a longer text the name was, unless it does already."""
+        return self if where in self.message else _restored(f"{self.message} {where}", self.subject)
+
     def __reduce__(self) -> tuple[object, ...]:
-        return _restored, (self.message,)  # the message alone comes back from a worker process
+        return _restored, (self.message, self.subject)  # they alone come back from a worker process
 
 
-def _restored(message: str) -> UnknownNameError:
+def _restored(message: str, subject: str) -> UnknownNameError:
     error = UnknownNameError.__new__(UnknownNameError, message)
-    error.message = message
+    error.message, error.subject = message, subject
     return error
 
 

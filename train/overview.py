@@ -26,12 +26,12 @@ def overview() -> dict[str, Rows]:
     """Title to (name, one line) of the environments, the guidances and the robots, by kind."""
     from guided_gym.catalogue.table import distribution_names, make_distribution
     from guided_gym.geometry.robots import Robot
-    from guided_gym.guidance.registry import guidance_class, guidance_names
+    from guided_gym.guidance.registry import GUIDANCES
     from guided_gym.registration import SELECTIONS
 
     return {
         "Environments": [(name, make_distribution(name).summary) for name in distribution_names()],
-        "Guidances": [(name, _first_line(guidance_class(name).__doc__)) for name in guidance_names()],
+        "Guidances": [(name, GUIDANCES.summary(name)) for name in GUIDANCES],
         "Learned guidances": _shipped(),
         "Learning who guides": [
             (name, f"On problems of {problems}; the action is the guiding space that guides.")

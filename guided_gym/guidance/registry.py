@@ -3,137 +3,152 @@
 from __future__ import annotations
 
 import importlib
-import inspect
 from collections.abc import Sequence
-from typing import Any
+from typing import Any, Final, TypeVar
 
-from guided_gym.checks import same_place
 from guided_gym.errors import InvalidInputError, UnknownNameError
 from guided_gym.guidance.base import GuidingSpace
 from guided_gym.guidance.cells import GoalDistance, OracleGuidance, Uninformed, Voronoi
 from guided_gym.guidance.environment_modification import PRM, LazyPRM
+from guided_gym.guidance.grammar import FAMILY, JOINED, Call, parse
 from guided_gym.guidance.hybrid import Hybrid
 from guided_gym.guidance.robot_modification import MedialAxis
 from guided_gym.guidance.solvers.paths import PathDatabase
+from guided_gym.guidance.tables import SEVERAL, Maker, Table, register_kind
 from guided_gym.guidance.wavefront import Wavefront
 
-# One row per guiding space: a new one joins here, or by `register_guidance`.
-_GUIDANCE: dict[str, type[GuidingSpace]] = {
-    cls.name: cls
-    for cls in (
-        Uninformed,
-        GoalDistance,
-        OracleGuidance,
-        Voronoi,
-        PRM,
-        LazyPRM,
-        MedialAxis,
-        PathDatabase,
-        Wavefront,
-        Hybrid,
-    )
-}
+M = TypeVar("M", bound=Maker)
 
+PAPERS_HYBRID = ("lazy_prm", "medial_axis")
 
 # Families of guiding spaces, ``"family:member"``: the module whose `guidance_class` knows the members. It is
 # imported by name, on demand, since the core imports nothing of the rooms above it.
-_FAMILIES = {"learned": "guided_gym.guidance.learned.agent"}
+_FAMILIES: Final = {FAMILY: "guided_gym.guidance.learned.agent"}
 
 
-def register_guidance(cls: type[GuidingSpace], *, replace: bool = False) -> type[GuidingSpace]:
-    """Class decorator: makes a guiding space known under its ``name``, everywhere a name is taken.
+class _Guidances(Table):
+    """The table of guiding spaces, with what is named by a family or by a module."""
+
+    def maker(self, name: str, where: str = "") -> Maker:
+        """What is behind a name, behind ``"package.module:Class"``, or behind ``"learned:NAME"``.
+
+        Raises:
+            UnknownNameError: No such name; the nearest one is suggested.
+            StorageError: A learned agent whose files cannot be used.
+            InvalidInputError: The module or class cannot be imported or is no guiding space.
+        """
+        family, colon, member = name.partition(":")
+        if not colon:
+            return super().maker(name, where)
+        if family in _FAMILIES:
+            maker: Maker = importlib.import_module(_FAMILIES[family]).guidance_class(member, make_guides)
+            return maker
+        try:
+            maker = getattr(importlib.import_module(family), member)
+        except (ImportError, AttributeError, ValueError, TypeError) as error:
+            raise InvalidInputError(f"guidance {name!r}: {error}") from error
+        if not (isinstance(maker, type) and issubclass(maker, GuidingSpace)):
+            raise InvalidInputError(f"guidance {name!r}: expected a GuidingSpace, got {maker!r}")
+        return maker
+
+    def build(self, call: Call, text: str, /, **options: Any) -> GuidingSpace:
+        """The guiding space that a call in a text stands for."""
+        if call.name == JOINED and not call.arguments and SEVERAL not in {o.name for o in call.options}:
+            options.setdefault(SEVERAL, PAPERS_HYBRID)
+        made = super().build(call, text, **options)
+        if not isinstance(made, GuidingSpace):
+            raise InvalidInputError(
+                f"guidance {call.name!r}: expected it to make a GuidingSpace, got {made!r}"
+            )
+        if call.name in self and made.name != call.name:  # a recipe: its parts do not know its name
+            setattr(made, "name", call.name)  # noqa: B010  a class variable for all others
+        return made
+
+
+# One row per guiding space: a new one joins here, or by `register_guidance`.
+GUIDANCES: Final = _Guidances(
+    "guidance",
+    {
+        cls.name: cls
+        for cls in (
+            Uninformed,
+            GoalDistance,
+            OracleGuidance,
+            Voronoi,
+            PRM,
+            LazyPRM,
+            MedialAxis,
+            PathDatabase,
+            Wavefront,
+            Hybrid,
+        )
+    },
+)
+for _option in (SEVERAL, "guide", "guidance"):
+    register_kind(_option, GUIDANCES)
+
+
+def register_guidance(maker: M, name: str | None = None, *, replace: bool = False) -> M:
+    """Makes a guiding space known by a name, everywhere a name is taken; a decorator of a class or function.
 
     Args:
-        cls: The class. Registering the same one again, from a module loaded anew, is fine.
-        replace: Whether it may take the place of another class of that name.
+        maker: A subclass of `GuidingSpace`, or a *recipe*: a function with keyword options that returns a
+            guiding space. Registering the same one again, from a module loaded anew, is fine.
+        name: Its name; that of the class (``cls.name``) or function if None.
+        replace: Whether it may take the place of another of that name.
 
     Raises:
-        InvalidInputError: No guiding space, or its name is missing, taken, or means something in a guidance
-            string.
+        InvalidInputError: Nothing of the kind, or the name is missing, taken, or means something in an
+            expression.
     """
-    if not (isinstance(cls, type) and issubclass(cls, GuidingSpace)):
-        raise InvalidInputError(f"register_guidance: expected a subclass of GuidingSpace, got {cls!r}")
-    if not isinstance(cls.name, str) or not cls.name or set(cls.name) & set("+:,@ "):
+    if isinstance(maker, type) and issubclass(maker, GuidingSpace):
+        return GUIDANCES.register(maker, name, replace=replace)
+    if isinstance(maker, type) or not callable(maker):
         raise InvalidInputError(
-            f"{cls.__name__}.name: expected a word without '+', ':', ',', '@' or blanks, got {cls.name!r}"
+            "register_guidance: expected a subclass of GuidingSpace, or a function that makes one, "
+            f"got {maker!r}"
         )
-    taken = _GUIDANCE.get(cls.name)
-    if not replace and taken is not None and not same_place(taken, cls):
-        raise InvalidInputError(
-            f"guidance {cls.name!r}: expected a name that is free, got that of {taken.__module__}."
-            f"{taken.__qualname__}; replace=True takes its place"
-        )
-    _GUIDANCE[cls.name] = cls
-    return cls
+    return GUIDANCES.register(maker, name, replace=replace)
 
 
 def guidance_names() -> list[str]:
     """Names of the guiding spaces, in order of appearance."""
-    return list(_GUIDANCE)
+    return list(GUIDANCES)
 
 
-def guidance_class(name: str) -> type[GuidingSpace]:
-    """The class behind a name, behind ``"package.module:Class"``, or behind ``"learned:NAME"``.
+def guidance_maker(name: str) -> Maker:
+    """The class or recipe behind a name, behind ``"package.module:Class"``, or behind ``"learned:NAME"``.
 
     Raises:
         UnknownNameError: No such name; the nearest one is suggested.
         StorageError: A learned agent whose files cannot be used.
         InvalidInputError: The module or class cannot be imported or is no guiding space.
     """
-    family, _, member = name.partition(":")
-    if family in _FAMILIES and ":" in name:
-        cls: type[GuidingSpace] = importlib.import_module(_FAMILIES[family]).guidance_class(
-            member, make_guides
-        )
-        return cls
-    if ":" in name:
-        module, _, attribute = name.partition(":")
-        try:
-            cls = getattr(importlib.import_module(module), attribute)
-        except (ImportError, AttributeError, ValueError, TypeError) as error:
-            raise InvalidInputError(f"guidance {name!r}: {error}") from error
-        if not (isinstance(cls, type) and issubclass(cls, GuidingSpace)):
-            raise InvalidInputError(f"guidance {name!r}: expected a GuidingSpace, got {cls!r}")
-        return cls
-    if name not in _GUIDANCE:
-        raise UnknownNameError("guidance", name, _GUIDANCE)
-    return _GUIDANCE[name]
+    return GUIDANCES.maker(name)
 
 
-def make_guidance(guidance: GuidingSpace | str, **options: Any) -> GuidingSpace:
+def make_guidance(guidance: GuidingSpace | Call | str, **options: Any) -> GuidingSpace:
     """A guiding space from its name.
 
     Args:
         guidance: A name (`guidance_names`), ``"learned:NAME"`` for a learned agent (shipped, or a folder),
-            ``"package.module:Class"``, several joined by ``+`` for a
-            `Hybrid` of them, or a guiding space, which is returned as it is.
-        **options: Passed to the class.
+            ``"package.module:Class"``, an expression of these (see `guided_gym.guidance.grammar`) such as
+            ``"hybrid(lazy_prm(vertices=100), rrt)"``, ``"rrt@goal_bias=0.1"`` or ``"lazy_prm+rrt"``, or a
+            guiding space, which is returned as it is.
+        **options: Passed to the outermost class.
 
     Raises:
-        UnknownNameError: No such guiding space or option; the nearest one is suggested.
-        InvalidInputError: An option's value cannot be used.
+        UnknownNameError: No such guiding space or option, at any depth; the nearest one is suggested.
+        InvalidInputError: The expression or an option's value cannot be used.
     """
     if isinstance(guidance, GuidingSpace):
         if options:
             raise InvalidInputError(f"options {sorted(options)} need a name, got the instance {guidance!r}")
         return guidance
-    if not isinstance(guidance, str):
+    if not isinstance(guidance, str | Call):
         raise InvalidInputError(f"guidance: expected a name or a guiding space, got {guidance!r}")
-    if "+" in guidance:
-        if not all(part.strip() for part in guidance.split("+")):
-            raise InvalidInputError(f"guidance: expected names joined by '+', got {guidance!r}")
-        return make_guidance("hybrid", guides=guidance.split("+"), **options)
-    cls = guidance_class(guidance)
-    if cls is Hybrid:
-        options["guides"] = make_guides(options.get("guides", PAPERS_HYBRID))
-    known = list(inspect.signature(cls.__init__).parameters)[1:]
-    for option in options:
-        if option not in known:
-            raise UnknownNameError(f"option of guidance {guidance!r}:", option, known)
-    return cls(**options)
-
-
-PAPERS_HYBRID = ("lazy_prm", "medial_axis")
+    made: GuidingSpace = GUIDANCES.make(guidance, **options)
+    return made
 
 
 def make_guides(guides: object) -> list[GuidingSpace]:
@@ -156,6 +171,18 @@ def make_expander(expansion: GuidingSpace | str) -> GuidingSpace | None:
     """
     if expansion == "uniform":
         return None
-    if isinstance(expansion, str) and not set(expansion) & set("+:") and expansion not in _GUIDANCE:
-        raise UnknownNameError("expansion", expansion, ["uniform", *_GUIDANCE])
+    if isinstance(expansion, str):
+        check_name("expansion", expansion, ["uniform", *GUIDANCES])
     return make_guidance(expansion)
+
+
+def check_name(kind: str, text: str, known: list[str]) -> None:
+    """Refuse an expression that is nothing but an unknown name, with what else it could have been.
+
+    Raises:
+        UnknownNameError: It is one; the nearest of ``known`` is suggested.
+        InvalidInputError: It is no expression.
+    """
+    call = parse(text, kind)
+    if call.bare and ":" not in call.name and call.name not in GUIDANCES:
+        raise UnknownNameError(kind, call.name, known)

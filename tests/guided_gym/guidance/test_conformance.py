@@ -319,7 +319,7 @@ def test_guidance__can_be_pickled_before_a_search(walled: Walled, name: str) -> 
 
 
 def test_registering__takes_thirty_lines(monkeypatch: pytest.MonkeyPatch, walled: Walled) -> None:
-    monkeypatch.setattr(registry, "_GUIDANCE", dict(registry._GUIDANCE))
+    monkeypatch.setattr(registry.GUIDANCES, "rows", dict(registry.GUIDANCES.rows))
 
     @register_guidance
     class Workspace(GuidingSpace):
@@ -360,7 +360,7 @@ def test_registering__refuses_names_that_would_be_misread(name: str) -> None:
 
 
 def test_registering__keeps_what_has_the_name(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(registry, "_GUIDANCE", dict(registry._GUIDANCE))
+    monkeypatch.setattr(registry.GUIDANCES, "rows", dict(registry.GUIDANCES.rows))
 
     class Mine(Uninformed):
         name: ClassVar[str] = "rrt"
