@@ -14,7 +14,7 @@ from __future__ import annotations
 import os
 import re
 from dataclasses import dataclass, field
-from typing import Any, Final
+from typing import Any, Final, TypeGuard
 
 from guided_gym.errors import InvalidInputError
 
@@ -120,7 +120,7 @@ def parse(text: str, what: str = "guidance") -> Call:
     return call
 
 
-def is_name(name: object) -> bool:
+def is_name(name: object) -> TypeGuard[str]:
     """Whether something can be a row's name: a word that an expression reads as a name, nothing else."""
     if not isinstance(name, str) or ":" in name or not _WORD.fullmatch(name):
         return False

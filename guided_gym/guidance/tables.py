@@ -147,7 +147,8 @@ def kinds() -> Mapping[str, Table]:
 def parameters(maker: Maker) -> dict[str, inspect.Parameter]:
     """The options of a maker, from its signature."""
     if isinstance(maker, type):
-        return dict(list(inspect.signature(maker.__init__).parameters.items())[1:])
+        begin: Maker = maker.__init__  # type: ignore[misc]  # the signature of a class skips a partial one
+        return dict(list(inspect.signature(begin).parameters.items())[1:])
     return dict(inspect.signature(maker).parameters)
 
 

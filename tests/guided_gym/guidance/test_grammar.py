@@ -52,7 +52,10 @@ A, B = Call("a"), Call("b")
         (
             "hybrid(roadmap(robot=disc), lazy_prm(vertices=100), rule=bandit)",
             call(
-                "hybrid", call("roadmap", robot=Call("disc")), call("lazy_prm", vertices=100), rule=Call("bandit")
+                "hybrid",
+                call("roadmap", robot=Call("disc")),
+                call("lazy_prm", vertices=100),
+                rule=Call("bandit"),
             ),
         ),
     ],
