@@ -8,9 +8,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from guided_gym.checks import integer, number
-from guided_gym.errors import InvalidInputError
 from guided_gym.guidance.base import GuidingSpace, draw
-from guided_gym.guidance.solvers.wave import Field, WaveModel
+from guided_gym.guidance.solvers.wave import Field, WaveModel, check_grid
 from guided_gym.kernels import fields
 from guided_gym.options import TargetParameters
 
@@ -63,9 +62,7 @@ class Wavefront(GuidingSpace):
         candidates: int = 256,
         patience: int = 12,
     ) -> None:
-        for name, value, part in (("cells", cells, 8), ("headings", headings, 4)):
-            if integer(name, value, least=part) % part:
-                raise InvalidInputError(f"{name}: expected a multiple of {part}, got {value!r}")
+        check_grid(cells, headings)
         self._begin(WaveModel(cells, headings), temperature, failure_penalty, candidates, patience)
 
     def _begin(

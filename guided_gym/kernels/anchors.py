@@ -149,6 +149,17 @@ def linked_nodes(changed: Ints, head: Int32s, node_of: Int32s, following: Int32s
 
 
 @njit(cache=True)
+def _segment_squared(q: Floats, tails: Floats, heads: Floats, e: int) -> tuple[float, float]:
+    """Fraction along a segment of its point nearest to q, and the square of the distance to that."""
+    ux, uy = heads[e, 0] - tails[e, 0], heads[e, 1] - tails[e, 1]
+    px, py = q[0] - tails[e, 0], q[1] - tails[e, 1]
+    squared = ux * ux + uy * uy
+    t = 0.0 if squared == 0.0 else min(1.0, max(0.0, (ux * px + uy * py) / squared))
+    dx, dy = px - t * ux, py - t * uy
+    return t, dx * dx + dy * dy
+
+
+@njit(cache=True)
 def nearest_segments(q: Floats, tails: Floats, heads: Floats) -> tuple[Int32s, Floats, Floats]:
     """The nearest of a set of plane segments to each point.
 
@@ -164,13 +175,20 @@ def nearest_segments(q: Floats, tails: Floats, heads: Floats) -> tuple[Int32s, F
     segment, fraction, away = np.zeros(n, np.int32), np.zeros(n), np.full(n, np.inf)
     for i in range(n):
         for e in range(tails.shape[0]):
-            ux, uy = heads[e, 0] - tails[e, 0], heads[e, 1] - tails[e, 1]
-            px, py = q[i, 0] - tails[e, 0], q[i, 1] - tails[e, 1]
-            squared = ux * ux + uy * uy
-            t = 0.0 if squared == 0.0 else min(1.0, max(0.0, (ux * px + uy * py) / squared))
-            dx, dy = px - t * ux, py - t * uy
-            d = dx * dx + dy * dy
+            t, d = _segment_squared(q[i], tails, heads, e)
             if d < away[i]:
                 segment[i], fraction[i], away[i] = e, t, d
         away[i] = np.sqrt(away[i])
     return segment, fraction, away
+
+
+@njit(cache=True)
+def segments_within(q: Floats, tails: Floats, heads: Floats, reach: float) -> Int32s:
+    """The plane segments, ascending, at most ``reach`` from a point; see `nearest_segments`."""
+    out = np.empty(tails.shape[0], np.int32)
+    count = 0
+    for e in range(tails.shape[0]):
+        if _segment_squared(q, tails, heads, e)[1] <= reach * reach:
+            out[count] = e
+            count += 1
+    return out[:count]

@@ -8,15 +8,18 @@ float64 array of `FRAME` entries below. No pose is checked for collision here: a
 from __future__ import annotations
 
 import math
-from typing import Final
+from typing import Final, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
 from numba import njit
 
+from guided_gym.kernels.collision import Geometry, motion_free, pose_free
+
 FloatArray = npt.NDArray[np.float64]
 Field = npt.NDArray[np.float32]
 IntArray = npt.NDArray[np.int64]
+BoolArray = npt.NDArray[np.bool_]
 
 ORIGIN_X: Final = 0  # centre of the cell in row 0 and column 0
 ORIGIN_Y: Final = 1
@@ -31,8 +34,9 @@ LEAST: Final = -2.0  # cells of room; less is as bad
 _AT_GOAL = 4.0  # cells
 _UNTIDY = 0.25  # of the way between two poses: what a bucket of arrivals spans
 _MOST_BUCKETS = 1 << 15
+_SLACK = 0.25  # cells by which bilinear rooms may be wrong
+_NEAR = 2.0  # cells from which the goal is looked for itself
 _BLOCK = 8  # cells along a side whose near edges are looked for together
-_FREE = 2.0  # slowness up to which a pose counts as free
 
 
 @njit(cache=True)
@@ -361,36 +365,42 @@ def poses_near_goal(
 
 
 @njit(cache=True)
-def wave(slowness: Field, places: IntArray, values: FloatArray, frame: FloatArray) -> Field:
+def wave(
+    slowness: Field, wanted: BoolArray, places: IntArray, values: FloatArray, frame: FloatArray
+) -> Field:
     """Solve |grad u| = slowness outwards from the goal by fast marching: (n, n, T) float32.
 
-    Ends when it has reached every pose of slowness 2 or less; what it has not reached by then comes last.
-    Poses wait in buckets of arrivals that are told apart no further (an untidy priority queue): a pose may be
-    taken before another that is nearer by less than a quarter of the way between two poses, or a little more
-    where turns cost next to nothing.
+    Ends when it has reached every pose that is wanted; what it has not reached by then comes last, and what
+    no way of finite slowness leads to has an infinite value. Poses wait in buckets of arrivals that are told
+    apart no further (an untidy priority queue): a pose may be taken before another that is nearer by less
+    than a quarter of the way between two poses, or a little more where turns cost next to nothing.
 
     Args:
-        slowness: (n, n, T) at least 1; more where a pose seems blocked.
+        slowness: (n, n, T) at least 1; more where a pose seems blocked; infinite where it is forbidden.
+        wanted: (n, n, T) which poses the wave has to reach.
         places: (m,) flat places of the poses where the wave begins.
         values: (m,) how far they are from the goal.
         frame: Where the cells lie, and the weight of a turn.
     """
     n, turns = slowness.shape[0], slowness.shape[2]
     flat = frame[CELL]
-    turn = max(frame[WEIGHT] * 2.0 * math.pi / turns, 1e-9)
+    turn = max(frame[WEIGHT] * 2.0 * math.pi / turns, 1e-9 * flat)
     u = np.full(slowness.shape, np.float32(np.inf))
     known = u.copy()  # of the poses that have been taken; infinite at the others
     sides = 6 if turns > 1 else 4
     width = _UNTIDY * (max(min(flat, turn), flat / 8.0) if turns > 1 else flat)
-    longest = slowness.max() * (max(flat, turn) if turns > 1 else flat)
+    slowest = np.float32(1.0)
+    for item in slowness.flat:
+        slowest = max(slowest, item) if item < np.inf else slowest
+    longest = slowest * (max(flat, turn) if turns > 1 else flat)
     buckets = min(int(longest / width) + 3, _MOST_BUCKETS)
     first = np.full(buckets, -1, dtype=np.int32)  # of each bucket, a list
     items = np.empty(slowness.size * (sides + 1), dtype=np.int32)
     after, keys = np.empty(items.size, dtype=np.int32), np.empty(items.size, dtype=np.float32)
     size = waiting = 0
     left, last, now = 0, 0.0, 0
-    for item in slowness.flat:
-        left += 1 if item <= _FREE else 0
+    for v in range(slowness.size):
+        left += 1 if wanted.flat[v] and slowness.flat[v] < np.inf else 0
     base = values.min() if values.size else 0.0
     for i in range(places.size):
         u.reshape(-1)[places[i]] = values[i]
@@ -415,7 +425,7 @@ def wave(slowness: Field, places: IntArray, values: FloatArray, frame: FloatArra
         if known[r, c, k] < np.inf or key > u[r, c, k]:
             continue
         known[r, c, k] = key
-        left -= 1 if slowness[r, c, k] <= _FREE else 0
+        left -= 1 if wanted[r, c, k] else 0
         last = max(last, key)
         for side in range(sides):
             rr, cc, kk = _beside(r, c, k, side, turns)
@@ -429,7 +439,7 @@ def wave(slowness: Field, places: IntArray, values: FloatArray, frame: FloatArra
                     after[size], first[b] = first[b], size
                     size += 1
                     waiting += 1
-    return np.minimum(u, np.float32(last + n * flat))
+    return np.minimum(u, np.float32(last + n * flat)) if left == 0 else u
 
 
 @njit(cache=True)
@@ -504,6 +514,133 @@ def look_up(qs: FloatArray, field: Field, frame: FloatArray) -> FloatArray:
                 value = min(value, abs(flat[places[corner]]))
         straight = goal_distance(qs[m, 0], qs[m, 1], qs[m, 2] if qs.shape[1] > 2 else 0.0, frame)
         out[m] = max(value, straight)
+    return out
+
+
+class Joined(NamedTuple):
+    """How m configurations are joined to the poses of a grid, up to 8 of them each, and to the goal.
+
+    Attributes:
+        places: (m, 9) flat places of the poses, and of the one nearest to the goal.
+        shares: (m, 8) float32 by which to mix the poses; they sum to 1 or to 0.
+        lengths: (m, 10) distances to the poses and to the goal, infinite if not joined, and then the goal's
+            distance again, joined or not.
+    """
+
+    places: IntArray
+    shares: Field
+    lengths: FloatArray
+
+
+@njit(cache=True)
+def join(qs: FloatArray, room: Field, free: BoolArray, frame: FloatArray, geometry: Geometry) -> Joined:
+    """Join configurations (m, d) to the corners of the cells that they lie in, and to the goal if it is near.
+
+    A corner counts if the straight motion to it is free, which is looked at where the room leaves it in
+    doubt; corners that seem free go before others. Where no corner is left all count; in collision none does.
+
+    Args:
+        qs: (m, d) configurations.
+        room: (n, n, T) room of the robot in cells.
+        free: (n, n, T) which poses seem free.
+        frame: Where the cells lie, and the goal.
+        geometry: What the collision kernels take.
+    """
+    n, turns, d = room.shape[0], room.shape[2], qs.shape[1]
+    cell, span = frame[CELL], 2.0 * math.pi / turns
+    count = 8 if turns > 1 else 4
+    # Where the corners have this much room, the whole cell is free.
+    enough = _SLACK + math.sqrt(0.5) + (geometry[0][2] / cell * span / 2.0 if turns > 1 else 0.0)
+    places = np.zeros((qs.shape[0], 9), np.int64)
+    shares = np.zeros((qs.shape[0], 8), np.float32)
+    lengths = np.full((qs.shape[0], 10), np.inf)
+    away, end = np.empty(count), np.empty(d)
+    for m in range(qs.shape[0]):
+        if not pose_free(qs[m], geometry):
+            continue
+        j, i, k, fy, fx, ft = _cell(qs[m], n, turns, frame)
+        least = np.inf
+        for corner in range(count):
+            a, b, h = j + (corner >> 1 & 1), i + (corner & 1), (k + (corner >> 2)) % turns
+            places[m, corner] = (a * n + b) * turns + h
+            least = min(least, room[a, b, h])
+        ranks = np.zeros(count, np.int64)
+        for corner in range(count):
+            place = places[m, corner]
+            end[0] = frame[ORIGIN_X] + place // turns % n * cell
+            end[1] = frame[ORIGIN_Y] + place // (turns * n) * cell
+            turn = 0.0
+            if turns > 1:
+                end[2] = place % turns * span
+                turn = (end[2] - qs[m, 2]) / (2.0 * math.pi)
+                turn = frame[WEIGHT] * 2.0 * math.pi * (turn - math.floor(turn + 0.5))
+            away[corner] = math.sqrt((end[0] - qs[m, 0]) ** 2 + (end[1] - qs[m, 1]) ** 2 + turn * turn)
+            if least >= enough or motion_free(qs[m], end, geometry):
+                ranks[corner] = 2 if free.flat[place] else 1
+        best, total = ranks.max(), 0.0
+        for corner in range(count):
+            if ranks[corner] == best:
+                lengths[m, corner] = away[corner]
+                share = (fx if corner & 1 else 1.0 - fx) * (fy if corner >> 1 & 1 else 1.0 - fy)
+                shares[m, corner] = share * (ft if corner >> 2 else 1.0 - ft)
+                total += shares[m, corner]
+        shares[m] *= 1.0 / total if total > 1e-6 else 0.0
+        _join_goal(qs[m], n, turns, frame, geometry, places, lengths, m)
+    return Joined(places, shares, lengths)
+
+
+@njit(cache=True)
+def _join_goal(
+    q: FloatArray,
+    n: int,
+    turns: int,
+    frame: FloatArray,
+    geometry: Geometry,
+    places: IntArray,
+    lengths: FloatArray,
+    m: int,
+) -> None:
+    """Enter the goal as the last of the m-th configuration's corners, if it is near and in sight."""
+    d = q.size
+    goal = frame[GOAL : GOAL + d].copy()
+    j, i, k, fy, fx, ft = _cell(goal, n, turns, frame)
+    j, i, k = j + int(fy > 0.5), i + int(fx > 0.5), (k + int(ft > 0.5)) % turns
+    places[m, 8] = (j * n + i) * turns + k
+    lengths[m, 9] = goal_distance(q[0], q[1], q[2] if d > 2 else 0.0, frame)
+    near = _NEAR * math.sqrt(2.0) * frame[CELL]
+    if math.hypot(goal[0] - q[0], goal[1] - q[1]) <= near and motion_free(q, goal, geometry):
+        lengths[m, 8] = lengths[m, 9]
+
+
+@njit(cache=True)
+def joined_values(joined: Joined, arrival: Field, effort: Field) -> FloatArray:
+    """(m,) cost-to-go of configurations that `join` has joined; infinite where it has not.
+
+    The mix of the corners, or the least of corner and way to it, whichever is less: the one where the field
+    is smooth, the other where it is not. Neither falls where the arrival rises.
+
+    Args:
+        joined: What `join` gives.
+        arrival: (n, n, T) when the wave comes to the poses.
+        effort: (n, n, T) how many times slower they have become.
+    """
+    places, shares, lengths = joined.places, joined.shares, joined.lengths
+    flat, slower = arrival.reshape(-1), effort.reshape(-1)
+    out = np.full(places.shape[0], np.inf)
+    for m in range(places.shape[0]):
+        mixed = 0.0
+        total = 0.0
+        for corner in range(8):
+            value = flat[places[m, corner]]
+            out[m] = min(out[m], value + lengths[m, corner])
+            if shares[m, corner] > 0.0:
+                total += shares[m, corner]
+                mixed += shares[m, corner] * value
+        if total > 0.0:
+            out[m] = min(out[m], mixed)
+        out[m] = max(out[m], lengths[m, 9])
+        if lengths[m, 8] < np.inf and slower[places[m, 8]] < np.inf:
+            out[m] = min(out[m], lengths[m, 8] * slower[places[m, 8]])
     return out
 
 
@@ -685,6 +822,28 @@ def add_effort(effort: Field, points: FloatArray, frame: FloatArray, reach: floa
                         square += turn * turn
                     if square < 9.0 * reach * reach:
                         effort[r, c, t] += gain * math.exp(-square / (reach * reach))
+
+
+@njit(cache=True)
+def multiply_near(field: Field, q: FloatArray, frame: FloatArray, reach: float, factor: float) -> None:
+    """Multiply (n, n, T) in place at the poses within ``reach`` (length) of q (d,), and at the nearest."""
+    n, turns = field.shape[0], field.shape[2]
+    cell = frame[CELL]
+    gx, gy = (q[0] - frame[ORIGIN_X]) / cell, (q[1] - frame[ORIGIN_Y]) / cell
+    gt = q[2] * turns / (2.0 * math.pi) if turns > 1 else 0.0
+    span = frame[WEIGHT] * 2.0 * math.pi / turns
+    j, i = min(max(round(gy), 0), n - 1), min(max(round(gx), 0), n - 1)
+    k = int(round(gt) % turns)
+    field[j, i, k] *= factor
+    wide = int(min(reach / cell, float(n))) + 1
+    for r in range(max(j - wide, 0), min(j + wide + 1, n)):
+        for c in range(max(i - wide, 0), min(i + wide + 1, n)):
+            flat = ((c - gx) * cell) ** 2 + ((r - gy) * cell) ** 2
+            for t in range(turns):
+                away = (t - gt) / turns
+                turn = span * turns * (away - math.floor(away + 0.5)) if turns > 1 else 0.0
+                if flat + turn * turn <= reach * reach and not (r == j and c == i and t == k):
+                    field[r, c, t] *= factor
 
 
 @njit(cache=True)

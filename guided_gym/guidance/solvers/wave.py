@@ -16,10 +16,12 @@ import numpy as np
 import shapely
 from numpy.typing import NDArray
 
+from guided_gym.checks import integer, number
 from guided_gym.errors import InvalidInputError
 from guided_gym.geometry.environment import Environment
 from guided_gym.geometry.robots import Robot
 from guided_gym.geometry.space import ConfigurationSpace
+from guided_gym.guidance.solvers.base import Query
 from guided_gym.kernels import fields
 
 if TYPE_CHECKING:
@@ -33,7 +35,9 @@ _SURE: Final = 60.0  # logit of being free for each cell of room
 _NEAR_GOAL: Final = 2  # cells around the goal where the wave may begin
 _SURE_PARTS: Final = 32  # poses along a motion to the goal
 _FINER: Final = 3  # grids that are tried, each about 3/2 times as fine as the one before
+_LEAST: Final = 1e-6  # cells; a value of 0 would have no sign
 _KEPT: Final = 8  # problems whose fields are kept
+_RUNS_A_RAISE: Final = 4  # runs over poses that turn, after each so many of which one more rise has to come
 
 
 def body_discs(robot: Robot, spacing: float) -> FloatArray:
@@ -177,6 +181,12 @@ class CostField:
     frame: FloatArray
     values: Field
 
+    @classmethod
+    def of(cls, frame: FloatArray, free: NDArray[np.bool_], values: Field, blocked: Field) -> CostField:
+        """The field of (n, n, T) ``values`` where poses seem free, and of ``blocked`` ones elsewhere."""
+        least = np.float32(_LEAST * frame[fields.CELL])
+        return cls(frame, np.where(free, np.maximum(values, least), -np.maximum(blocked, least)))
+
     def cost_to_go(self, q: FloatArray) -> FloatArray:
         """(m,) the field at configurations (m, d)."""
         return fields.look_up(np.ascontiguousarray(q, np.float64), self.values, self.frame)
@@ -195,7 +205,7 @@ class WaveModel:
 
     def __init__(self, cells: int, headings: int, blocked: float = 300.0) -> None:
         self.cells, self.headings, self.blocked = cells, headings, blocked
-        self._kept: OrderedDict[str, tuple[PoseGrid, CostField]] = OrderedDict()
+        self._kept: OrderedDict[bytes, tuple[PoseGrid, CostField]] = OrderedDict()
 
     def __getstate__(self) -> dict[str, Any]:
         return {**self.__dict__, "_kept": OrderedDict()}
@@ -217,7 +227,7 @@ class WaveModel:
         """(n, n, T) when the wave from the goal arrives, and which poses seem free."""
         logits = self.free(grid)
         slowness = self.slowness(grid, logits, effort)
-        return fields.wave(slowness, *grid.beginnings(frame), frame), logits > 0
+        return fields.wave(slowness, logits >= 0, *grid.beginnings(frame), frame), logits > 0
 
     def evaluate(self, grid: PoseGrid, goal: FloatArray, effort: Field | None = None) -> CostField:
         """The cost-to-go field for a goal.
@@ -229,8 +239,7 @@ class WaveModel:
         """
         frame = grid.towards(goal)
         arrival, free = self.arrival(grid, frame, effort)
-        values = np.maximum(self.corrected(grid, frame, arrival), np.float32(1e-6))
-        return CostField(frame, np.where(free, values, -np.maximum(arrival, np.float32(1e-6))))
+        return CostField.of(frame, free, self.corrected(grid, frame, arrival), arrival)
 
     def corrected(self, grid: PoseGrid, frame: FloatArray, arrival: Field) -> Field:
         """(n, n, T) cost-to-go from the arrival: the arrival itself."""
@@ -242,22 +251,141 @@ class WaveModel:
         Where no way through what seems free leads to the start, a finer grid may see one: gaps narrower than
         a cell can seem blocked.
         """
-        key = problem.fingerprint
+        return self.solve_query(problem.space, problem.task.start, problem.task.goal)
+
+    def solve_query(
+        self, space: ConfigurationSpace, start: FloatArray, goal: FloatArray
+    ) -> tuple[PoseGrid, CostField]:
+        """`solve` for a start and a goal in a space; either may be in collision there."""
+        key = space.fingerprint().encode() + start.tobytes() + goal.tobytes()
         if key not in self._kept:
-            self._kept[key] = self._solve(problem)
+            self._kept[key] = self._solve(space, start, goal)
             while len(self._kept) > _KEPT:
                 self._kept.popitem(last=False)
         self._kept.move_to_end(key)
         return self._kept[key]
 
-    def _solve(self, problem: Problem) -> tuple[PoseGrid, CostField]:
+    def _solve(
+        self, space: ConfigurationSpace, start: FloatArray, goal: FloatArray
+    ) -> tuple[PoseGrid, CostField]:
         cells = self.cells
         for finer in range(_FINER):
-            grid = PoseGrid.of(problem.space, cells, self.headings)
-            field = self.evaluate(grid, problem.task.goal)
+            grid = PoseGrid.of(space, cells, self.headings)
+            field = self.evaluate(grid, goal)
             if not self.plans or finer == _FINER - 1:
                 break
-            if not fields.blocked_on_way(problem.task.start, field.values, field.frame):
+            if not fields.blocked_on_way(start, field.values, field.frame):
                 break
             cells = max(cells * 3 // 2 // 8 * 8, cells + 8)
         return grid, field
+
+
+class Wave:
+    """A solver: h is when a wave from the goal arrives, on a grid of poses, slow where there is no room.
+
+    The grid cannot see all: a gap narrower than a cell may seem blocked. The wave passes through what seems
+    blocked, ``blocked`` times slower: h is finite wherever the state is free and nothing is forbidden.
+
+    Args:
+        cells: Cells along each side of the raster.
+        headings: Headings of the grid, for a robot that can turn.
+        blocked: How many times slower the wave is at most, where a pose is surely blocked.
+
+    Raises:
+        InvalidInputError: An option that is out of range.
+    """
+
+    def __init__(self, *, cells: int = 56, headings: int = 16, blocked: float = 300.0) -> None:
+        check_grid(cells, headings)
+        self._model = WaveModel(cells, headings, number("blocked", blocked, least=1))
+
+    def begin(self, query: Query, rng: np.random.Generator, step: float) -> None:
+        """Run the wave for a query; see `CostToGo`.
+
+        Raises:
+            InvalidInputError: A space of other than 2 or 3 dimensions.
+        """
+        if query.space.dimension not in (2, 3):
+            raise InvalidInputError(
+                f"wave: expected a space of 2 or 3 dimensions, got {query.space.dimension} dimensions"
+            )
+        self._space = query.space
+        self._grid, self._field = self._model.solve_query(query.space, query.start, query.goal)
+        frame, logits = self._field.frame, self._model.free(self._grid)
+        self._free = logits > 0
+        self._sources = self._grid.beginnings(frame)
+        self._arrival = np.abs(self._field.values)
+        self._slowness = self._model.slowness(self._grid, logits)
+        self._effort = np.ones_like(self._slowness)  # how many times slower poses have become
+        self._waiting = self._runs = 0  # raised since the last run, and runs since the beginning
+        self._joined = self._join(query.start[None])  # of the nodes; spare rows included
+        self._values = np.zeros(1)
+        self._nodes = self._upheld = 0  # how many are joined, and how many of the values are up to date
+
+    def __call__(self, states: FloatArray) -> FloatArray:
+        """(n, d') states to (n,) cost-to-go (length); infinite in collision and where all is forbidden."""
+        self._run_again()
+        return fields.joined_values(self._join(states), self._arrival, self._effort)
+
+    def follow(self, states: FloatArray) -> FloatArray:
+        """(n,) cost-to-go of the nodes; all of them anew once the wave has run again."""
+        self._run_again()
+        n = len(states)
+        if n > len(self._values):
+            self._values = np.resize(self._values, 2 * n)
+            j = self._joined
+            self._joined = fields.Joined(
+                np.resize(j.places, (2 * n, 9)),
+                np.resize(j.shares, (2 * n, 8)),
+                np.resize(j.lengths, (2 * n, 10)),
+            )
+        if n > self._nodes:
+            rows, fresh = slice(self._nodes, n), self._join(states[self._nodes : n])
+            self._joined.places[rows], self._joined.shares[rows] = fresh.places, fresh.shares
+            self._joined.lengths[rows] = fresh.lengths
+            self._nodes = n
+        if n > self._upheld:
+            rows = slice(self._upheld, n)
+            places, shares, lengths = self._joined
+            some = fields.Joined(places[rows], shares[rows], lengths[rows])
+            self._values[rows] = fields.joined_values(some, self._arrival, self._effort)
+            self._upheld = n
+        values = self._values[:n]
+        values.flags.writeable = False
+        return values
+
+    def raise_near(self, state: FloatArray, reach: float, factor: float) -> None:
+        """Make the poses within ``reach``, and the nearest in any case, ``factor`` times slower."""
+        q = np.ascontiguousarray(state)
+        for field in (self._slowness, self._effort):
+            fields.multiply_near(field, q, self._field.frame, reach, factor)
+        self._waiting += 1
+
+    def landmarks(self, state: FloatArray, reach: float) -> FloatArray:
+        """None: the grid's poses have been looked at."""
+        return np.zeros((0, self._space.dimension))
+
+    def _join(self, states: FloatArray) -> fields.Joined:
+        q = np.require(states, np.float64, ["C", "W"])
+        return fields.join(q, self._grid.room, self._free, self._field.frame, self._space.geometry)
+
+    def _run_again(self) -> None:
+        """Run the wave again if costs have risen; over many poses only after some more of it each time."""
+        flat = self._grid.room.shape[2] == 1
+        if self._waiting <= (0 if flat else self._runs // _RUNS_A_RAISE):
+            return
+        arrival = fields.wave(self._slowness, self._free, *self._sources, self._field.frame)
+        self._arrival = np.maximum(arrival, self._arrival)  # the wave's queue is a little untidy
+        self._waiting, self._upheld = 0, 0
+        self._runs += 1
+
+
+def check_grid(cells: int, headings: int) -> None:
+    """Refuse sizes of a grid that networks and symmetries cannot halve.
+
+    Raises:
+        InvalidInputError: Cells that are no multiple of 8, or headings that are none of 4.
+    """
+    for name, value, part in (("cells", cells, 8), ("headings", headings, 4)):
+        if integer(name, value, least=part) % part:
+            raise InvalidInputError(f"{name}: expected a multiple of {part}, got {value!r}")

@@ -24,7 +24,7 @@ def waved(slowness: np.ndarray, frame: np.ndarray) -> np.ndarray:
     """A wave from the poses around the goal, as if nothing were in between."""
     places, poses = fields.poses_near_goal(slowness.shape, frame, 2)
     values = np.array([fields.goal_distance(*pose, frame) for pose in poses])
-    return fields.wave(slowness.astype(np.float32), places, values, frame)
+    return fields.wave(slowness.astype(np.float32), slowness <= 2, places, values, frame)
 
 
 def square(x0: float, y0: float, x1: float, y1: float) -> np.ndarray:
@@ -148,7 +148,8 @@ def test_wave__goes_round_a_wall_and_is_slow_through_it() -> None:
 
 def test_wave__begins_where_it_is_told() -> None:
     places, frame = np.array([3 * N + 5, 30 * N + 30]), frame_of()
-    found = fields.wave(np.ones((N, N, 1), np.float32), places, np.array([2.0, 2.5]), frame)[..., 0]
+    ones = np.ones((N, N, 1), np.float32)
+    found = fields.wave(ones, ones > 0, places, np.array([2.0, 2.5]), frame)[..., 0]
     assert found[3, 5] == found.min() == 2.0
     assert found[30, 30] == 2.5
     assert found[3, 15] == pytest.approx(2.0 + 10 / N)

@@ -10,7 +10,13 @@ import shapely
 from guided_gym.catalogue.table import distribution_names, make_distribution
 from guided_gym.errors import InvalidInputError
 from guided_gym.geometry.environment import Environment
-from guided_gym.guidance.solvers.skeleton import medial_axis, skeleton_graph
+from guided_gym.geometry.robots import Robot
+from guided_gym.geometry.space import ConfigurationSpace
+from guided_gym.guidance.robot_modification import MedialAxis
+from guided_gym.guidance.solvers.base import Query
+from guided_gym.guidance.solvers.skeleton import Skeleton, medial_axis, skeleton_graph
+from guided_gym.randomness import streams
+from guided_gym.search.search import Search
 
 
 def lines(environment: Environment, spacing: float = 0.5) -> shapely.MultiLineString:
@@ -94,3 +100,79 @@ def test_skeleton__says_when_there_is_no_room() -> None:
     full = Environment((0.0, 0.0, 10.0, 10.0), (shapely.box(0, 0, 10, 9.99),))
     with pytest.raises(InvalidInputError, match="too small"):
         skeleton_graph(full)
+
+
+def begun(
+    environment: Environment, goal: tuple[float, float], step: float = 0.5, **options: float
+) -> Skeleton:
+    space = ConfigurationSpace(Robot.point(), environment)
+    solver = Skeleton(**options)
+    solver.begin(Query(space, np.array(goal), np.array(goal)), np.random.default_rng(0), step)
+    return solver
+
+
+CORRIDOR = Environment((0.0, 0.0, 20.0, 2.0))  # the skeleton's middle line runs from (1, 1) to (19, 1)
+
+
+def test_skeleton_solver__hand_worked_in_a_corridor() -> None:
+    solver = begun(CORRIDOR, (15.0, 0.5))
+    q = np.array([[3.0, 1.5], [10.0, 1.0], [15.0, 1.7], [17.0, 0.4], [17.0, 3.0]])
+    assert solver(q) == pytest.approx([12, 5, 0, 2, np.inf], abs=0.15)
+    assert solver.landmarks(q[0], 1.0).shape == (0, 2)
+
+
+def test_skeleton_solver__a_failure_adds_a_share_to_the_nearest_edge() -> None:
+    solver = begun(CORRIDOR, (15.0, 1.0), spacing=2.0)
+    q = np.array([[3.0, 1.0], [13.0, 1.0]])
+    before = solver(q)
+    edge = solver.roadmap.lengths[solver.join(np.array([[8.2, 1.0]])).edges[0, 0]]
+    for k in range(1, 4):  # shares add up
+        solver.raise_near(np.array([8.2, 1.3]), 0.0, 1.1)
+        assert solver(q) - before == pytest.approx([0.1 * k * edge, 0.0])
+    solver.raise_near(np.array([8.2, 1.3]), 0.0, np.inf)
+    assert solver(q).tolist() == [np.inf, pytest.approx(2.0, abs=0.1)]
+
+
+def test_skeleton_solver__with_a_reach_all_edges_within_it_rise() -> None:
+    solver = begun(CORRIDOR, (15.0, 1.0), spacing=2.0)
+    roadmap = solver.roadmap
+    segments = shapely.linestrings(roadmap.points[roadmap.edges])
+    within = shapely.distance(segments, shapely.Point(6.0, 1.2)) <= 2.0
+    solver.raise_near(np.array([6.0, 1.2]), 2.0, 3.0)
+    assert 3 < within.sum() < len(within)
+    assert np.array_equal(roadmap.multipliers, np.where(within, 3.0, 1.0))
+
+
+def test_skeleton_solver__nodes_follow_and_costs_only_rise() -> None:
+    problem = make_distribution("TrapCup").problem(0)
+    solver = begun(problem.environment, tuple(problem.task.goal[:2]))
+    rng = np.random.default_rng(0)
+    nodes = rng.uniform(0, 10, (300, 2))
+    before = solver.follow(nodes[:20]).copy()
+    for k in range(40):
+        solver.raise_near(nodes[k], rng.choice([0.0, 0.4]), rng.choice([1.1, 3.0, 3.0, np.inf]))
+        values = solver.follow(nodes[: 20 + 7 * k])
+        assert np.array_equal(values, solver(nodes[: 20 + 7 * k]))
+        assert (values[: len(before)] >= before).all()
+        before = values.copy()
+    with pytest.raises(ValueError, match="read-only"):
+        values[0] = 0.0
+
+
+def test_skeleton_solver__values_are_those_of_the_medial_axis_guidance() -> None:
+    problem = make_distribution("TrapCup").problem(0)
+    search = Search(problem, *streams(0)[1:])
+    guidance = MedialAxis(expansion_penalty=0.0)
+    search.attach(guidance)
+    solver = begun(problem.environment, tuple(problem.task.goal[:2]), search.planner.step)
+    q = problem.space.sample(np.random.default_rng(0), 500)
+    expected = guidance.heuristic(guidance.project(search.tree, q))
+    assert np.array_equal(solver(np.ascontiguousarray(q[:, :2])), expected)
+
+
+def test_skeleton_solver__refuses_other_spaces_and_options() -> None:
+    space = make_distribution("TrapCup").problem(0).space
+    with pytest.raises(InvalidInputError, match="got 3 dimensions"):
+        Skeleton().begin(Query(space, np.zeros(3), np.zeros(3)), np.random.default_rng(0), 1.0)
+    with pytest.raises(InvalidInputError, match="spacing"):
+        Skeleton(spacing=0.0)

@@ -14,7 +14,9 @@ from guided_gym.catalogue.table import make_distribution
 from guided_gym.errors import InvalidInputError
 from guided_gym.geometry.environment import Environment
 from guided_gym.geometry.robots import Robot
-from guided_gym.guidance.solvers.wave import PoseGrid, WaveModel, body_discs
+from guided_gym.geometry.space import ConfigurationSpace
+from guided_gym.guidance.solvers.base import Query
+from guided_gym.guidance.solvers.wave import PoseGrid, Wave, WaveModel, body_discs
 from guided_gym.kernels import fields
 from guided_gym.measure.oracle import oracle_for
 from guided_gym.problems import Problem, Task
@@ -255,3 +257,114 @@ def test_effort__sends_the_wave_another_way() -> None:
         > again.cost_to_go(down)[0]
         == pytest.approx(field.cost_to_go(down)[0], rel=0.2)
     )
+
+
+def disc(radius: float) -> Robot:
+    """A 16-gon that cannot turn."""
+    angles = 2 * np.pi * np.arange(16) / 16
+    return Robot(shapely.Polygon(radius * np.column_stack([np.cos(angles), np.sin(angles)])), dimension=2)
+
+
+SEEN_BY = {"point": Robot.point(), "disc": disc(0.15), "rectangle": None, "rod": Robot.segment(0.8)}
+
+
+def query(name: str = "TrapCup", robot: Robot | None = None) -> Query:
+    """A problem of the catalogue as another robot sees it."""
+    problem = make_distribution(name).problem(0)
+    space = ConfigurationSpace(robot or problem.robot, problem.environment)
+    d = space.dimension
+    return Query(space, problem.task.start[:d].copy(), problem.task.goal[:d].copy())
+
+
+def begun(asked: Query, **options: float) -> Wave:
+    solver = Wave(**options)
+    solver.begin(asked, np.random.default_rng(0), 0.7)
+    return solver
+
+
+@pytest.mark.parametrize("robot", SEEN_BY)
+def test_wave__is_near_the_true_distance_and_infinite_in_collision(robot: str) -> None:
+    asked = query(robot=SEEN_BY[robot])
+    solver, space = begun(asked, cells=40, headings=16), asked.space
+    q = space.sample(np.random.default_rng(0), 1500)
+    found, free = solver(q), np.asarray(space.valid(q))
+    assert np.array_equal(np.isfinite(found), free)
+    truth = np.asarray(oracle_for(space, asked.goal).cost_to_go(q[free]))
+    assert np.median(np.abs(found[free] - truth) / np.maximum(truth, 0.1 * truth.max())) < 0.1
+    assert (found >= space.distance(q, asked.goal) - 1e-6).all()
+
+
+@pytest.mark.parametrize("robot", SEEN_BY)
+def test_wave__costs_only_rise_and_nodes_follow(robot: str) -> None:
+    asked = query(robot=SEEN_BY[robot])
+    solver, rng = begun(asked, cells=24, headings=8), np.random.default_rng(0)
+    nodes = asked.space.sample(rng, 300)
+    before = solver.follow(nodes[:100]).copy()
+    for k in range(40):
+        solver.raise_near(nodes[k], rng.choice([0.0, 0.1, 0.5]), rng.choice([2.0, 10.0, np.inf]))
+        count = 100 + 5 * k
+        values = solver.follow(nodes[:count])
+        assert np.array_equal(values, solver(nodes[:count]))
+        assert (values[: len(before)] >= before - 1e-6).all()
+        before = values.copy()
+    with pytest.raises(ValueError, match="read-only"):
+        values[0] = 0.0
+
+
+def test_wave__what_is_forbidden_on_all_ways_is_out_of_reach(walled: Callable[[str], Problem]) -> None:
+    problem = walled("point")
+    solver = begun(Query(problem.space, problem.task.start, problem.task.goal))
+    q = np.array([[1.5, 5.0], [4.0, 9.0], [8.0, 1.0]])
+    first = solver(q)
+    solver.raise_near(np.array([5.0, 9.0]), 2.0, np.inf)
+    second = solver(q)
+    assert first[0] < second[0] < np.inf  # below the wall
+    assert second[2] == pytest.approx(first[2])
+    solver.raise_near(np.array([5.0, 1.0]), 2.0, np.inf)
+    third = solver(q)
+    assert third[0] < np.inf  # slowly, through the wall
+    solver.raise_near(np.array([5.0, 5.0]), 6.0, np.inf)
+    assert solver(q).tolist()[:2] == [np.inf, np.inf]
+    solver.begin(Query(problem.space, problem.task.start, problem.task.goal), np.random.default_rng(1), 0.7)
+    assert np.array_equal(solver(q), first)  # a new search has forgotten
+
+
+def test_wave__a_failure_at_a_state_slows_the_nearest_pose() -> None:
+    asked = query(robot=Robot.point())
+    solver = begun(asked, cells=24)
+    q = asked.start[None]
+    before = solver(q)
+    solver.raise_near(asked.start, 0.0, 50.0)
+    assert solver(q)[0] > before[0] + 0.1
+    assert solver.landmarks(asked.start, 1.0).shape == (0, 2)
+
+
+def test_wave__in_three_dimensions_runs_again_less_often_the_more_it_has() -> None:
+    asked = query()
+    solver = begun(asked, cells=16, headings=8)
+    runs = 0
+    for k in range(60):
+        solver.raise_near(asked.space.sample(np.random.default_rng(k), 1)[0], 0.3, 2.0)
+        arrival = solver._arrival
+        solver(asked.start[None])
+        runs += solver._arrival is not arrival
+        assert k > 0 or runs == 1  # the first at once
+    assert 15 < runs < 30
+
+
+def test_wave__refuses_other_dimensions_and_sizes() -> None:
+    with pytest.raises(InvalidInputError, match="got 4 dimensions"):
+        begun(Query(SimpleNamespace(dimension=4), np.zeros(4), np.zeros(4)))  # type: ignore[arg-type]
+    for options in ({"cells": 50}, {"headings": 6}, {"blocked": 0.5}):
+        with pytest.raises(InvalidInputError, match=next(iter(options))):
+            Wave(**options)  # type: ignore[arg-type]
+
+
+def test_wave__pickles() -> None:
+    asked = query(robot=Robot.point())
+    solver = begun(asked)
+    twin = pickle.loads(pickle.dumps(solver))
+    q = asked.space.sample(np.random.default_rng(0), 50)
+    solver.raise_near(q[0], 0.5, 10.0)
+    twin.raise_near(q[0], 0.5, 10.0)
+    assert np.array_equal(solver(q), twin(q))
