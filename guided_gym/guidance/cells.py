@@ -1,4 +1,4 @@
-"""Guiding spaces with no modification: S = {0}, S = C, and Voronoi cells (paper, Section 3.3)."""
+"""Guiding spaces that solve nothing: S = {0}, and Voronoi cells (paper, Simple Examples)."""
 
 from __future__ import annotations
 
@@ -42,40 +42,6 @@ class Uninformed(GuidingSpace):
     def propose(self, tree: SearchTree, node: int) -> NDArray[np.float64]:
         """A configuration drawn uniformly from N_C(v)."""
         return self.planner.uniform(tree.nodes.configurations[node])
-
-
-class GoalDistance(GuidingSpace):
-    """S = C with d_C replaced by the obstacle-free distance d_X: h(x) = d_X(x, t)."""
-
-    name: ClassVar[str] = "goal_distance"
-
-    def project(self, tree: SearchTree, q: NDArray[np.float64]) -> NDArray[np.float64]:
-        """The identity."""
-        return q
-
-    def heuristic(self, states: NDArray[np.float64]) -> NDArray[np.float64]:
-        """d_X(x, t)."""
-        return np.asarray(self.space.distance(states, self.goal))
-
-
-class OracleGuidance(GuidingSpace):
-    """S = C: h(x) = d_C(x, t), the true distance. The best that guidance by cost-to-go can be."""
-
-    name: ClassVar[str] = "oracle"
-
-    def prepare(self) -> None:
-        """Solve (or load) the oracle of the problem."""
-        from guided_gym.measure.oracle import oracle_for
-
-        self._oracle = oracle_for(self.space, self.goal, start=self.search.start)
-
-    def project(self, tree: SearchTree, q: NDArray[np.float64]) -> NDArray[np.float64]:
-        """The identity."""
-        return q
-
-    def heuristic(self, states: NDArray[np.float64]) -> NDArray[np.float64]:
-        """d_C(x, t); infinite in collision."""
-        return np.where(self.space.valid(states), self._oracle.cost_to_go(states), np.inf)
 
 
 _BLOCK = 1024  # samples drawn at a time

@@ -8,12 +8,11 @@ from typing import Any, Final, TypeVar
 
 from guided_gym.errors import InvalidInputError, UnknownNameError
 from guided_gym.guidance.base import GuidingSpace
-from guided_gym.guidance.cells import GoalDistance, OracleGuidance, Uninformed, Voronoi
-from guided_gym.guidance.environment_modification import PRM, LazyPRM
+from guided_gym.guidance.cells import Uninformed, Voronoi
 from guided_gym.guidance.grammar import FAMILY, JOINED, Call, parse
 from guided_gym.guidance.hybrid import Hybrid
-from guided_gym.guidance.robot_modification import MedialAxis
-from guided_gym.guidance.solvers.paths import PathDatabase
+from guided_gym.guidance.modifications import ENVIRONMENTS, ROBOTS
+from guided_gym.guidance.recipes import RECIPES, SOLVERS
 from guided_gym.guidance.tables import SEVERAL, Maker, Table, register_kind
 from guided_gym.guidance.wavefront import Wavefront
 
@@ -65,27 +64,22 @@ class _Guidances(Table):
         return made
 
 
-# One row per guiding space: a new one joins here, or by `register_guidance`.
+# One row per guiding space: a new one joins here, as a recipe, or by `register_guidance`.
 GUIDANCES: Final = _Guidances(
     "guidance",
     {
-        cls.name: cls
-        for cls in (
-            Uninformed,
-            GoalDistance,
-            OracleGuidance,
-            Voronoi,
-            PRM,
-            LazyPRM,
-            MedialAxis,
-            PathDatabase,
-            Wavefront,
-            Hybrid,
-        )
+        Uninformed.name: Uninformed,
+        Voronoi.name: Voronoi,
+        **RECIPES,
+        Wavefront.name: Wavefront,
+        Hybrid.name: Hybrid,
+        **SOLVERS,
     },
 )
-for _option in (SEVERAL, "guide", "guidance"):
+for _option in (SEVERAL, "guide", "guidance", "fallback"):
     register_kind(_option, GUIDANCES)
+register_kind("robot", Table("robot modification", ROBOTS))
+register_kind("environment", Table("environment modification", ENVIRONMENTS))
 
 
 def register_guidance(maker: M, name: str | None = None, *, replace: bool = False) -> M:

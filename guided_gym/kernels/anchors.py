@@ -16,35 +16,23 @@ from guided_gym.kernels.metric import Metric, segment_separation, separation
 Floats = NDArray[np.float64]
 Int32s = NDArray[np.int32]
 Ints = NDArray[np.int64]
-
-
-@njit(cache=True)
-def anchored_values(
-    vertices: Int32s,
-    lengths: Floats,
-    edges: Int32s,
-    multipliers: Floats,
-    distance: Floats,
-    n: int,
-) -> Floats:
-    """Heuristic of the first n configurations; infinite where no anchor leads to the goal.
-
-    Args:
-        vertices: (>= n, k) int32 roadmap vertex of each anchor; -1 for none.
-        lengths: (>= n, k) length of each anchor; infinite if it was dropped.
-        edges: (>= n, k) int32 roadmap edge that the anchor runs along; -1 for none.
-        multipliers: (m,) factor on the length of each roadmap edge.
-        distance: (v,) length of the shortest path from each vertex to the goal.
-        n: Number of configurations.
-    """
-    return anchored_values_of(np.arange(n), vertices, lengths, edges, multipliers, distance)
+Taught = tuple[Floats, Floats, Floats]
 
 
 @njit(cache=True)
 def anchored_values_of(
     rows: Ints, vertices: Int32s, lengths: Floats, edges: Int32s, multipliers: Floats, distance: Floats
 ) -> Floats:
-    """Heuristic of some configurations, given by their ``rows``; see `anchored_values`."""
+    """Heuristic of some configurations; infinite where no anchor leads to the goal.
+
+    Args:
+        rows: (r,) int64 which of the configurations.
+        vertices: (n, k) int32 roadmap vertex of each anchor; -1 for none.
+        lengths: (n, k) length of each anchor; infinite if it was dropped.
+        edges: (n, k) int32 roadmap edge that the anchor runs along; -1 for none.
+        multipliers: (m,) factor on the length of each roadmap edge.
+        distance: (v,) length of the shortest path from each vertex to the goal.
+    """
     out = np.empty(rows.size)
     for r in range(rows.size):
         i = rows[r]
@@ -60,17 +48,47 @@ def anchored_values_of(
 
 
 @njit(cache=True)
-def drop_anchors(
+def _charged(
+    length: float,
+    q: Floats,
+    v: Floats,
+    near: Ints,
+    taught: Taught,
+    metric: Metric,
+) -> float:
+    """Length of the anchor from ``q`` to ``v`` with what was raised near it."""
+    states, reaches, factors = taught
+    for f in near:
+        if segment_separation(q, v, states[f], metric) <= reaches[f]:
+            if factors[f] == np.inf:
+                return np.inf
+            length *= factors[f]
+    return length
+
+
+@njit(cache=True)
+def _close(q: Floats, among: Ints, taught: Taught, longest: float, metric: Metric) -> Ints:
+    """Which of some states an anchor of that length from ``q`` can pass within their reach."""
+    states, reaches, _ = taught
+    near, count = np.empty(among.size, np.int64), 0
+    for f in among:
+        if separation(q, states[f], metric) <= reaches[f] + longest:
+            near[count] = f
+            count += 1
+    return near[:count]
+
+
+@njit(cache=True)
+def charge_anchors(
     q: Floats,
     rows: Ints,
     vertices: Int32s,
     lengths: Floats,
     points: Floats,
-    contacts: Floats,
-    radius: float,
+    taught: Taught,
     metric: Metric,
 ) -> None:
-    """Drop the anchors that pass within ``radius`` of a colliding configuration: their length becomes inf.
+    """Multiply the anchors that pass near some states by their factors; an infinite one drops them.
 
     Args:
         q: (n, d) configurations.
@@ -78,27 +96,77 @@ def drop_anchors(
         vertices: (n, k) int32 roadmap vertex of each anchor; -1 for none.
         lengths: (n, k) length of each anchor, changed in place.
         points: (v, d) roadmap vertices.
-        contacts: (f, d) colliding configurations.
-        radius: Distance within which an anchor is dropped.
+        taught: (f, d) where ways were made costlier, (f,) how far around them, (f,) how many times costlier.
         metric: Weights and periods of the distance.
     """
+    every = np.arange(taught[1].size)
     for i in rows:
         longest = -1.0
         for j in range(vertices.shape[1]):
             if vertices[i, j] >= 0 and lengths[i, j] < np.inf:
-                longest = max(longest, lengths[i, j])
+                longest = max(longest, separation(q[i], points[vertices[i, j]], metric))
         if longest < 0.0:
             continue
-        for f in range(contacts.shape[0]):
-            away = separation(q[i], contacts[f], metric)
-            if away > radius + longest:
+        near = _close(q[i], every, taught, longest, metric)
+        for j in range(vertices.shape[1]):
+            if vertices[i, j] >= 0 and lengths[i, j] < np.inf:
+                v = points[vertices[i, j]]
+                lengths[i, j] = _charged(lengths[i, j], q[i], v, near, taught, metric)
+
+
+@njit(cache=True)
+def values_among(
+    q: Floats,
+    some: Ints,
+    points: Floats,
+    distance: Floats,
+    k: int,
+    taught: Taught,
+    metric: Metric,
+) -> Floats:
+    """Heuristic of configurations that lie close together, anchored to the nearest k of ``some`` vertices.
+
+    Args:
+        q: (n, d) configurations.
+        some: (m,) int64 roadmap vertices around them.
+        points: (v, d) roadmap vertices.
+        distance: (v,) length of the shortest path from each vertex to the goal.
+        k: Anchors a configuration.
+        taught: Where ways were made costlier, as in `charge_anchors`.
+        metric: Weights and periods of the distance.
+
+    Returns:
+        (n,) the least of length + distance; infinite where no anchor leads to the goal.
+    """
+    out = np.full(q.shape[0], np.inf)
+    count = min(k, some.size)
+    spread, longest = 0.0, 0.0
+    for i in range(q.shape[0]):
+        spread = max(spread, separation(q[0], q[i], metric))
+    for v in some:
+        longest = max(longest, separation(q[0], points[v], metric))
+    around = _close(q[0], np.arange(taught[1].size), taught, 2.0 * spread + longest, metric)
+    for i in range(q.shape[0]):
+        lengths, ids, held = np.full(count, np.inf), np.zeros(count, np.int64), 0
+        for v in some:
+            length = separation(q[i], points[v], metric)
+            if held == count and length >= lengths[count - 1]:
                 continue
-            for j in range(vertices.shape[1]):
-                v = vertices[i, j]
-                if v < 0 or away > radius + lengths[i, j] or lengths[i, j] == np.inf:
-                    continue
-                if segment_separation(q[i], points[v], contacts[f], metric) <= radius:
-                    lengths[i, j] = np.inf
+            slot = held if held < count else count - 1
+            while slot > 0 and lengths[slot - 1] > length:
+                lengths[slot], ids[slot] = lengths[slot - 1], ids[slot - 1]
+                slot -= 1
+            lengths[slot], ids[slot] = length, v
+            held = min(held + 1, count)
+        if held == 0:
+            continue
+        near = _close(q[i], around, taught, lengths[held - 1], metric)
+        for j in range(held):
+            if lengths[j] + distance[ids[j]] < out[i]:
+                v = points[ids[j]]
+                length = _charged(lengths[j], q[i], v, near, taught, metric)
+                out[i] = min(out[i], length + distance[ids[j]])
+    return out
 
 
 @njit(cache=True)

@@ -98,6 +98,37 @@ def nearest_graph(points: ArrayLike, metric: Metric, k: int) -> RoadmapGraph:
     return graph_from_edges(n, edges, lengths[others][first])
 
 
+def with_vertex(graph: RoadmapGraph, near: ArrayLike, lengths: ArrayLike) -> RoadmapGraph:
+    """The graph with one more vertex, the last, joined to some others; its edges come last, too.
+
+    Args:
+        graph: The graph, which stays as it is.
+        near: (k,) distinct vertices that it is joined to.
+        lengths: (k,) lengths of its edges.
+    """
+    ends, far = np.asarray(near, np.int32), np.asarray(lengths, np.float64)
+    order = np.argsort(ends, kind="stable")
+    ends, far = ends[order], far[order]
+    n, m = len(graph.indptr) - 1, len(graph.lengths)
+    ids = np.arange(m, m + len(ends), dtype=np.int32)
+    places = graph.indptr[ends + 1]  # behind the neighbours of each: the new vertex has the highest number
+    neighbours = np.insert(graph.neighbours, places, n)
+    edge_of = np.insert(graph.edge_of, places, ids)
+    longer = np.zeros(n, np.int32)
+    longer[ends] = 1
+    indptr = np.concatenate([graph.indptr, [0]]).astype(np.int32)
+    indptr[1 : n + 1] += np.cumsum(longer, dtype=np.int32)
+    indptr[n + 1] = len(neighbours) + len(ends)
+    new = np.stack([ends, np.full(len(ends), n, np.int32)], axis=1)
+    return RoadmapGraph(
+        indptr,
+        np.concatenate([neighbours, ends]).astype(np.int32),
+        np.concatenate([edge_of, ids]).astype(np.int32),
+        np.concatenate([graph.edges, new]).astype(np.int32),
+        np.concatenate([graph.lengths, far]),
+    )
+
+
 class ShortestPathTree:
     """Distances to one source in an undirected graph whose weights only grow, repaired after each change.
 
@@ -117,8 +148,11 @@ class ShortestPathTree:
         graph = tuple(kernel_array(a, np.int32) for a in (indptr, neighbours, edge_of))
         self._graph: Adjacency = (graph[0], graph[1], graph[2])
         values = np.array(weights, dtype=np.float64, order="C")
-        self._ends = _edge_ends(self._graph, values)
-        n = len(graph[0]) - 1
+        self._begin(values, _edge_ends(self._graph, values), source)
+
+    def _begin(self, values: Floats, ends: Int32s, source: int) -> None:
+        self._ends = ends
+        n = len(self._graph[0]) - 1
         self._tree: Tree = (values, np.empty(n), np.empty(n, np.int32), np.empty(n, np.int32))
         self._scratch: Scratch = (
             np.empty(n, np.int32),
@@ -130,8 +164,11 @@ class ShortestPathTree:
 
     @classmethod
     def of(cls, graph: RoadmapGraph, source: int) -> ShortestPathTree:
-        """Solve a `RoadmapGraph` for one source; the graph's lengths are copied."""
-        return cls(graph.indptr, graph.neighbours, graph.edge_of, graph.lengths, source)
+        """Solve a `RoadmapGraph`, which is sound, for one source; the graph's lengths are copied."""
+        tree = cls.__new__(cls)
+        tree._graph = (graph.indptr, graph.neighbours, graph.edge_of)
+        tree._begin(graph.lengths.copy(), graph.edges, source)
+        return tree
 
     @property
     def source(self) -> int:

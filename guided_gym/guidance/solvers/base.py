@@ -2,14 +2,17 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import NamedTuple, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
+from guided_gym.errors import InvalidInputError
 from guided_gym.geometry.space import ConfigurationSpace
 
 Floats = NDArray[np.float64]
+Valid = Callable[[Floats], NDArray[np.bool_]]
 
 
 class Query(NamedTuple):
@@ -29,9 +32,14 @@ class Query(NamedTuple):
 class CostToGo(Protocol):
     """A solver: the value h of states of C', the length of the way that it sees from there to the goal.
 
-    `begin` may be called any number of times, each time for a new search. Costs only ever rise within a
-    search, so a guiding space can't fall into a cycle of forgetting.
+    `begin` may be called any number of times, each time for a new search. Within a search costs only rise,
+    except where a solver that sees no way at all any more begins anew on a finer scale.
+
+    Attributes:
+        looks: Poses and motions that it has checked for collision since `begin`.
     """
+
+    looks: int
 
     def begin(self, query: Query, rng: np.random.Generator, step: float) -> None:
         """Solve for a query.
@@ -60,9 +68,28 @@ class CostToGo(Protocol):
 
         Args:
             state: (d',) where a motion failed.
-            reach: How far around it (length); 0 for what lies at the state itself.
+            reach: How far around it (length); 0 for the way that begins at the state itself.
             factor: How many times costlier; infinite forbids.
         """
 
-    def landmarks(self, state: Floats, reach: float) -> Floats:
-        """(m, d') states near ``state`` that ways run through and that nobody has validated; may be none."""
+    def inspect(self, state: Floats, reach: float, valid: Valid) -> None:
+        """Have what ways run through near a state looked at, and forbid what is not valid.
+
+        Args:
+            state: (d',) where a motion failed.
+            reach: How far around it (length).
+            valid: (m, d') states to (m,) whether they are.
+        """
+
+
+def require_dimensions(solver: str, query: Query, *dimensions: int) -> None:
+    """Refuse a guiding space that a solver cannot take.
+
+    Raises:
+        InvalidInputError: Another number of dimensions.
+    """
+    if query.space.dimension not in dimensions:
+        expected = " or ".join(map(str, dimensions))
+        raise InvalidInputError(
+            f"{solver}: expected a guiding space of {expected} dimensions, got {query.space.dimension}"
+        )

@@ -1,47 +1,44 @@
-"""Experience-based guidance: paths of solved problems guide the next one (paper, Section 4.3)."""
+"""Stored paths of solved problems as a solver (paper, Experience-Based Guidance)."""
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from pathlib import Path
-from typing import TYPE_CHECKING, ClassVar
+from typing import Final
 
 import numpy as np
-from numpy.typing import NDArray
 
 from guided_gym.checks import integer, number
-from guided_gym.errors import InvalidInputError
-from guided_gym.guidance.cells import Voronoi
-from guided_gym.guidance.solvers.roadmap import AnchoredNodes, Anchors, Roadmap, RoadmapGuidance
+from guided_gym.errors import InvalidInputError, UnknownNameError
+from guided_gym.guidance.solvers.base import Floats, Query, Valid
+from guided_gym.guidance.solvers.graph import Anchors, Graph, GraphCostToGo, Int32s, Ints, Taught
 from guided_gym.kernels.waypoints import path_anchors
+from guided_gym.storage.path_file import DatabaseHeader, PathDatabase
+from guided_gym.storage.path_library import PathLibrary
 from guided_gym.structures.nearest import GrowingIndex
 from guided_gym.structures.shortest_paths import graph_from_edges
 
-if TYPE_CHECKING:
-    from guided_gym.search.search import Expansion
-    from guided_gym.search.tree import SearchTree
-    from guided_gym.storage.path_file import DatabaseHeader
-    from guided_gym.storage.path_library import PathLibrary
+_SPACING: Final = 0.1  # of the natural length: waypoints no further apart than a failure reaches
+_PREFILTER: Final = 4  # times as many similar tasks that a dearer measure of similarity chooses from
 
 
-class PathDatabase(RoadmapGuidance):
-    """Lightning refactored: h is the length of a stored path, from the tasks most similar to this one.
+class StoredPaths(GraphCostToGo):
+    """The lengths of stored paths of similar problems: a graph of chains, each on to this goal.
 
-    The queried paths are a roadmap of chains. A node is anchored to the waypoints within one step that a free
-    motion reaches. Paths that pass within ``radius`` of a colliding configuration are filtered out; when all
-    of a query are, the next most similar tasks are queried. While no node sees a path, RRT guides.
+    A node is joined to the waypoints within one step that a free motion reaches. A failure that forbids
+    filters out whole paths, those that pass near it; when all of a query are gone, the next most similar are
+    queried.
 
     Args:
         database: A `PathLibrary`, or the file that ``guided-gym database build`` wrote.
         paths: Use only the first so many paths of the database; None for all.
-        similar: Paths a query.
-        radius: A collision filters out the paths that pass this near, in units of the local planner's step.
-        check: A collision has the waypoints this near validated, in the same units; a path with one in
-            collision is filtered out.
-        temperature: See `GuidingSpace`.
-        expansion_penalty: See `GuidingSpace`.
+        similar: Paths per query.
+        by: How similar paths are found: ``"task"`` (start and goal), ``"dtw"`` (dynamic time warping between
+            a path and the straight line from start to goal) or ``"occupancy"`` (paths of which the least lies
+            in the obstacles of this workspace).
+        mixture: 0 for the shortest of the paths that a state is joined to; else the temperature (in natural
+            lengths) at which all of them count, as the components of a mixture.
     """
-
-    name: ClassVar[str] = "path_database"
 
     def __init__(
         self,
@@ -49,24 +46,19 @@ class PathDatabase(RoadmapGuidance):
         database: PathLibrary | str | Path | None = None,
         paths: int | None = None,
         similar: int = 128,
-        radius: float = 0.1,
-        check: float = 2.5,
-        temperature: float = 0.0,
-        expansion_penalty: float = 0.1,
+        by: str = "task",
+        mixture: float = 0.0,
     ) -> None:
-        super().__init__(temperature=temperature, expansion_penalty=expansion_penalty)
         if database is None:
             raise InvalidInputError(
-                "path_database: expected a database of paths (database=FILE), got none; "
+                "stored paths: expected a database of paths (database=FILE), got none; "
                 "`guided-gym database build ENV --paths N` makes one"
             )
         if paths is not None:
             paths = integer("paths", paths, least=0)
         self._header: DatabaseHeader | None = None
         if isinstance(database, str | Path):
-            from guided_gym.storage.path_file import PathDatabase as Store
-
-            with Store.open(database, readonly=True) as store:
+            with PathDatabase.open(database, readonly=True) as store:
                 self._file, self._header = str(database), store.header
                 database = store.load(paths)
         elif not hasattr(database, "most_similar"):
@@ -75,135 +67,186 @@ class PathDatabase(RoadmapGuidance):
             database = database.subset(paths)
         self.library: PathLibrary = database
         self.similar = integer("similar", similar, least=1)
-        self.radius = number("radius", radius, above=0)
-        self.check = number("check", check, above=0)
-        self._fallback = Voronoi()
+        if by not in RETRIEVAL:
+            raise UnknownNameError("by", by, RETRIEVAL)
+        self.by = by
+        self.mixture = number("mixture", mixture, least=0)
 
-    def prepare(self) -> None:
-        """Query the first paths."""
-        if self.library.dimension != self.space.dimension:
+    def begin(self, query: Query, rng: np.random.Generator, step: float) -> None:
+        """Query the first paths.
+
+        Raises:
+            InvalidInputError: Paths of another dimension, robot or metric.
+        """
+        if self.library.dimension != query.space.dimension:
             raise InvalidInputError(
-                f"path_database: expected paths of dimension {self.space.dimension}, "
+                f"stored paths: expected paths of dimension {query.space.dimension}, "
                 f"got {self.library.dimension}"
             )
         if self._header is not None:
-            self._header.require(self._header.for_space("", self.space), self._file)
-        self.queried = 0
-        self.filtered = 0
-        self._fallback.reset(self.search)
-        self._contacts: list[NDArray[np.float64]] = []
-        super().prepare()
+            self._header.require(self._header.for_space("", query.space), self._file)
+        self.queried = self.filtered = 0
+        super().begin(query, rng, step)
 
-    def build(self) -> Roadmap:
-        """The roadmap of the next most similar tasks' paths: a chain per path, on to the goal."""
-        start, goal = self.search.start, self.goal
+    def build(self) -> Graph:
+        """The graph of the next most similar paths: a chain for each, on to the goal."""
+        space, goal = self.query.space, self.query.goal
         wanted = min(self.queried + self.similar, len(self.library))
-        ids = self.library.most_similar(start, goal, wanted)[self.queried :] if wanted else np.zeros(0, int)
+        found = RETRIEVAL[self.by](self.library, self.query, wanted) if wanted else np.zeros(0, np.int64)
+        ids = found[self.queried :]
         self.queried = wanted
         rows, self._path_of = self._resampled([self.library.path(int(i)) for i in ids])
         points = np.vstack([rows, goal])
         end = len(points) - 1
         edges = np.stack([np.arange(end), np.arange(1, end + 1)], axis=1)
         edges[self._path_of[edges[:, 0]] != self._path_of[edges[:, 1]], 1] = end
-        lengths = np.atleast_1d(self.space.distance(points[edges[:, 0]], points[edges[:, 1]]))
+        lengths = np.atleast_1d(space.distance(points[edges[:, 0]], points[edges[:, 1]]))
         self._alive = np.bincount(self._path_of[:end], minlength=len(ids)) > 0
-        self._index = GrowingIndex(self.space.metric)
+        self._index = GrowingIndex(space.metric)
         self._index.add_many(points[:end])
-        return Roadmap(points, graph_from_edges(len(points), edges, lengths), end)
+        return Graph(points, graph_from_edges(len(points), edges, lengths), end)
 
-    def _resampled(self, paths: list[NDArray[np.float64]]) -> tuple[NDArray[np.float64], NDArray[np.int32]]:
-        """The paths on to the goal, with waypoints no further apart than a collision reaches.
+    def _resampled(self, paths: list[Floats]) -> tuple[Floats, Int32s]:
+        """The paths on to the goal, with waypoints no further apart than a failure reaches.
 
         On to the goal: what joins a path to it is to be filtered like the path itself.
 
         Returns:
             (w, d) waypoints without the goal, and (w + 1,) the path of each; the goal has its own number.
         """
-        corners = np.vstack([*(np.vstack([path, self.goal]) for path in paths), self.goal])
+        space, goal = self.query.space, self.query.goal
+        corners = np.vstack([*(np.vstack([path, goal]) for path in paths), goal])
         owner = np.repeat(np.arange(len(paths) + 1), [*(len(path) + 1 for path in paths), 1])
-        lengths = self.space.distance(corners[:-1], corners[1:])
-        counts = np.ceil(lengths / (self.radius * self.planner.step)).astype(np.int64)
+        lengths = space.distance(corners[:-1], corners[1:])
+        counts = np.ceil(lengths / (_SPACING * space.scale)).astype(np.int64)
         counts[owner[:-1] != owner[1:]] = 0
         segment = np.repeat(np.arange(len(counts)), counts)
         first = np.repeat(np.cumsum(counts) - counts, counts)
         t = (np.arange(len(segment)) - first) / counts[segment]
-        rows = self.space.interpolate(corners[segment], corners[segment + 1], t)
+        rows = space.interpolate(corners[segment], corners[segment + 1], t)
         return rows, np.append(owner[segment], len(paths)).astype(np.int32)
 
-    def anchor(self, q: NDArray[np.float64]) -> Anchors:
-        """Join each configuration to the best waypoints within one step, on different paths."""
-        reach = self.planner.step
-        spread = float(np.max(self.space.distance(q, q[0])))
-        near = self._index.within(q[0], spread + reach)
+    def anchor(self, states: Floats) -> Anchors:
+        """Join each state to the best waypoints within one step, on different paths."""
+        spread = float(np.max(self.query.space.distance(states, states[0])))
+        near = self._index.within(states[0], spread + self.step)
         vertices, lengths = path_anchors(
-            q, near, self.roadmap.points, self._path_of, self.roadmap.distance, reach, 8,
-            self.space.metric,
+            states, near, self.graph.points, self._path_of, self.graph.distance, self.step, 8,
+            self.query.space.metric,
         )  # fmt: skip
         return Anchors(vertices, lengths, np.full(vertices.shape, -1, np.int32))
 
-    def project(self, tree: SearchTree, q: NDArray[np.float64]) -> Anchors:  # type: ignore[override]
-        """P_T: the waypoints that each node of the tree can see (its anchors are validated)."""
-        anchors = self.anchor(np.ascontiguousarray(q))
+    def joined(self, states: Floats) -> Anchors:
+        """The waypoints that each node of the tree can see: their anchors are validated."""
+        anchors = self.anchor(states)
         rows, columns = np.nonzero(anchors.vertices >= 0)
         if rows.size:
-            free = self.space.motions_free(q[rows], self.roadmap.points[anchors.vertices[rows, columns]])
-            self.search.collision_checks += free.size
+            ends = self.graph.points[anchors.vertices[rows, columns]]
+            free = self.query.space.motions_free(states[rows], ends)
+            self.looks += free.size
             anchors.lengths[rows[~free], columns[~free]] = np.inf
         return anchors
 
-    def feedback(self, expansion: Expansion) -> None:
-        """Filter out the paths that pass near the collision."""
-        if expansion.contact is not None:
-            self._contacts.append(expansion.contact)
-            self._filter(expansion.contact)
-        self._fallback.feedback(expansion)
+    def _charge(self, states: Floats, anchors: Anchors) -> None:
+        """Nothing: anchors are validated, and paths that pass near a failure are gone."""
 
-    def _filter(self, contact: NDArray[np.float64]) -> None:
-        step = self.planner.step
-        near = self._index.within(contact, self.radius * step)
-        bad = self.invalid_near(self._index, contact, self.check * step)
-        struck = np.unique(self._path_of[np.concatenate([near, bad])])
+    def _values(self, anchors: Anchors, rows: Ints) -> Floats:
+        """The shortest of the paths, or what a mixture of them expects."""
+        least = super()._values(anchors, rows)
+        if self.mixture == 0:
+            return least
+        vertices = anchors.vertices[rows]
+        costs = np.where(vertices >= 0, anchors.lengths[rows] + self.graph.distance[vertices], np.inf)
+        unit = self.mixture * self.query.space.scale
+        with np.errstate(invalid="ignore"):
+            weights = np.exp(-(costs - least[:, None]) / unit)
+            expected = np.nansum(np.where(weights > 0, weights * costs, 0.0), axis=1) / np.nansum(
+                weights, axis=1
+            )
+        return np.where(np.isfinite(least), expected, np.inf)
+
+    def follow(self, states: Floats) -> Floats:
+        """(n,) cost-to-go of the nodes; queries further while all queried paths are filtered out."""
+        while not self._alive.any() and self.queried < len(self.library):
+            earlier, self.taught = self.taught, Taught(states.shape[1])
+            self._restart()
+            for state, reach, factor in zip(*earlier.arrays, strict=True):
+                self.raise_near(state, reach, factor)
+        return super().follow(states)
+
+    def raise_near(self, state: Floats, reach: float, factor: float) -> None:
+        """Lengthen the edges near a state; an infinite factor filters out the paths that pass there."""
+        self.taught.add(state, reach, factor)
+        if np.isfinite(factor):
+            self.graph.raise_edges(self.edges_near(state, reach), factor)
+        else:
+            self._filter(self._index.within(state, reach))
+
+    def inspect(self, state: Floats, reach: float, valid: Valid) -> None:
+        """Filter out the paths that have an invalid waypoint near a state."""
+        near = self.vertices_near(state, reach)
+        near = near[np.isfinite(self.graph.distance[near])]
+        if near.size:
+            self._filter(near[~valid(self.graph.points[near])])
+
+    def _filter(self, waypoints: Ints) -> None:
+        struck = np.unique(self._path_of[waypoints])
         struck = struck[self._alive[struck]]
         if struck.size == 0:
             return
         self._alive[struck] = False
         self.filtered += struck.size
-        on_struck = np.isin(self._path_of[self.roadmap.edges[:, 0]], struck)
-        self.roadmap.remove(np.flatnonzero(on_struck).astype(np.int32))
-        if self._anchored is not None:
-            self._look_again(self._anchored)
+        on_struck = np.isin(self._path_of[self.graph.edges[:, 0]], struck)
+        self.graph.raise_edges(np.flatnonzero(on_struck), np.inf)
+        if self._nodes is not None:
+            self._look_again()
 
-    def _look_again(self, nodes: AnchoredNodes) -> None:
-        """Anchor anew the nodes that saw only paths which are gone."""
+    def _look_again(self) -> None:
+        """Join anew the nodes that saw only paths which are gone."""
+        nodes = self._nodes
+        assert nodes is not None
         n = len(nodes)
         had = (nodes.anchors.vertices[:n] >= 0).any(axis=1)
-        blind = np.flatnonzero(had & ~np.isfinite(self._values_at(np.arange(n))))
+        blind = np.flatnonzero(had & ~np.isfinite(super()._values(nodes.anchors, np.arange(n))))
         for i in blind:  # one by one: `anchor` looks around the first of a batch
-            tree = self.search.tree
-            nodes.replace(np.array([i]), self.project(tree, tree.nodes.configurations[i : i + 1]))
-        nodes.stale(blind)
+            row = np.array([i])
+            nodes.replace(row, self.joined(nodes.states(row)))
 
-    def _sighted(self, tree: SearchTree) -> bool:
-        """Whether some node sees a path; queries further while all queried paths are filtered out."""
-        while not self._alive.any() and self.queried < len(self.library):
-            self.roadmap = self.build()
-            self.forget()
-            for contact in self._contacts:
-                self._filter(contact)
-        return bool(np.isfinite(self.values(tree)).any())
+    def vertices_near(self, state: Floats, reach: float) -> Ints:
+        """Waypoints within ``reach`` of a state."""
+        return self._index.within(state, reach)
 
-    def select(self, tree: SearchTree) -> int:
-        """Argmin h, or RRT's choice while no node sees a path."""
-        return super().select(tree) if self._sighted(tree) else self._fallback.select(tree)
 
-    def distribution(self, tree: SearchTree) -> NDArray[np.float64]:
-        """One-hot at argmin h (softmin with a temperature), or RRT's P while no node sees a path."""
-        return super().distribution(tree) if self._sighted(tree) else self._fallback.distribution(tree)
+def _by_task(library: PathLibrary, query: Query, count: int) -> Ints:
+    """Paths whose start and goal are nearest to these."""
+    return library.most_similar(query.start, query.goal, count)
 
-    def propose(self, tree: SearchTree, node: int) -> NDArray[np.float64]:
-        """The candidate with the least h, or RRT's step while the node sees no path."""
-        if not np.isfinite(self.values(tree)[node]):
-            return self._fallback.propose(tree, node)
-        candidates = self.planner.candidates(tree.nodes.configurations[node])
-        best: NDArray[np.float64] = candidates[np.argmin(self.heuristic(self.anchor(candidates)))]
-        return best
+
+def _by_warping(library: PathLibrary, query: Query, count: int) -> Ints:
+    """Paths that dynamic time warping finds nearest to the straight line from start to goal."""
+    from guided_gym.guidance.solvers.warping import warped
+
+    ids = library.most_similar(query.start, query.goal, min(_PREFILTER * count, len(library)))
+    line = query.space.interpolate(query.start, query.goal, np.linspace(0.0, 1.0, 32))
+    costs = [warped(library.path(int(i)) * query.space.weights, line * query.space.weights) for i in ids]
+    return ids[np.argsort(costs, kind="stable")[:count]]
+
+
+def _by_occupancy(library: PathLibrary, query: Query, count: int) -> Ints:
+    """Of paths of similar tasks, those of which the least lies in obstacles of this workspace."""
+    ids = library.most_similar(query.start, query.goal, min(_PREFILTER * count, len(library)))
+    blocked = []
+    for i in ids:
+        path = library.path(int(i))
+        t = np.linspace(0.0, 1.0, 8)[:, None]
+        inner = query.space.interpolate(path[:-1], path[1:], np.broadcast_to(t, (8, len(path) - 1)))
+        clearance = query.space.environment.clearance(inner.reshape(-1, path.shape[1])[:, :2])
+        blocked.append(float(np.mean(clearance <= 0.0)))
+    return ids[np.argsort(blocked, kind="stable")[:count]]
+
+
+RETRIEVAL: Final[dict[str, Callable[[PathLibrary, Query, int], Ints]]] = {
+    "task": _by_task,
+    "dtw": _by_warping,
+    "occupancy": _by_occupancy,
+}

@@ -1,280 +1,202 @@
-"""Guidance by a roadmap: h is the length of the shortest path to the goal on a graph in some guiding space.
-
-PRM, LazyPRM, the medial axis and the path database are this one mechanism with different parts: which space
-the roadmap lives in (a robot modification), where its vertices and edges come from (an environment
-modification, or experience), and what a failed expansion takes away from it.
-"""
+"""A roadmap of sampled vertices: lazy or validated (paper, Simple Examples and Environment Modification)."""
 
 from __future__ import annotations
 
-from abc import abstractmethod
-from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from functools import lru_cache
+from typing import Final, NamedTuple
 
-import networkx as nx
 import numpy as np
-from numpy.typing import NDArray
 
-from guided_gym.guidance.base import GuidingSpace
-from guided_gym.kernels.anchors import (
-    anchored_values,
-    anchored_values_of,
-    drop_anchors,
-    link_anchors,
-    linked_nodes,
+from guided_gym.checks import integer
+from guided_gym.geometry.space import ConfigurationSpace
+from guided_gym.guidance.solvers.base import Floats, Query
+from guided_gym.guidance.solvers.graph import Anchors, Graph, GraphCostToGo, Ints, Taught
+from guided_gym.kernels.anchors import values_among
+from guided_gym.kernels.metric import Metric
+from guided_gym.structures.nearest import GrowingIndex
+from guided_gym.structures.segments import SegmentIndex
+from guided_gym.structures.shortest_paths import (
+    RoadmapGraph,
+    graph_from_edges,
+    nearest_graph,
+    with_vertex,
 )
-from guided_gym.structures.shortest_paths import RoadmapGraph, ShortestPathTree
 
-if TYPE_CHECKING:
-    from guided_gym.search.tree import SearchTree
-    from guided_gym.structures.nearest import GrowingIndex
-
-
-@dataclass
-class Anchors:
-    """States of a roadmap's guiding space: how n configurations are joined to it, by up to k anchors each."""
-
-    vertices: NDArray[np.int32]  # [n, k] roadmap vertex, -1 for none
-    lengths: NDArray[np.float64]  # [n, k] length of the anchor, inf once it is dropped
-    edges: NDArray[np.int32]  # [n, k] roadmap edge that the anchor runs along, -1 for none
-
-    def __len__(self) -> int:
-        return len(self.vertices)
+_NETS: Final = 16  # roadmaps of one kind that a search may get: drawn once, and used again
+_FINER: Final = 6  # each has half as many vertices again: where no path exists, there must be a last one
+_AROUND: Final = 5  # times as many vertices around candidates as each of them has anchors
 
 
-class Roadmap:
-    """A weighted graph in a guiding space, with the shortest-path tree to its goal vertex.
+class _Net(NamedTuple):
+    """A roadmap without start and goal: what does not depend on the query, nor, if lazy, on the obstacles."""
 
-    Attributes:
-        points: (v, d') vertices, in the coordinates of the guiding space.
-        edges: (m, 2) int32 vertex pairs.
-        lengths: (m,) length of each edge.
-        multipliers: (m,) factor on each length; infinite once an edge is removed.
-        tree: Shortest paths to the goal vertex, repaired as edges get longer.
-        goal: Index of the goal vertex.
+    points: Floats
+    graph: RoadmapGraph
+    neighbours: GrowingIndex
+    segments: SegmentIndex
+
+
+class Roadmap(GraphCostToGo):
+    """Shortest paths on a roadmap of uniform samples of C', joined to their nearest neighbours.
+
+    Vertices are valid in E' and edges are free motions: the preprocessing is what a search over many tasks in
+    one C shares. Where E' has no obstacles nothing is checked, and the roadmap depends on the bounds and the
+    metric alone: it is drawn once for each kind of space, as one of `_NETS`, and serves every search there.
+    Where nothing leads to the goal any more, a lazy one gives way to one with half as many vertices again, and
+    what was taught holds within half the reach.
+
+    Args:
+        vertices: Number of samples.
+        neighbours: Edges from each vertex to its nearest neighbours.
+        anchors: Vertices that a state is joined to.
     """
 
-    def __init__(self, points: NDArray[np.float64], graph: RoadmapGraph, goal: int) -> None:
-        self.points, self.edges, self.lengths, self.goal = points, graph.edges, graph.lengths, goal
-        self._graph = graph
-        self.multipliers = np.ones(len(graph.edges))
-        self.tree = ShortestPathTree.of(graph, goal)
-        self._changed: list[NDArray[np.integer[Any]]] = []
+    def __init__(self, *, vertices: int = 2000, neighbours: int = 12, anchors: int = 8) -> None:
+        self.vertices = integer("vertices", vertices, least=1)
+        self.neighbours = integer("neighbours", neighbours, least=1)
+        self.anchors = integer("anchors", anchors, least=1)
+
+    def begin(self, query: Query, rng: np.random.Generator, step: float) -> None:
+        """Draw the roadmap, or take one that was drawn before."""
+        self._finer = 0
+        self._lazy = not query.space.environment.obstacles
+        super().begin(query, rng, step)
+
+    def build(self) -> Graph:
+        """The roadmap with the goal as its last vertex."""
+        space, goal = self.query.space, self.query.goal
+        number = int(self.rng.integers(_NETS))
+        count = int(self.vertices * 1.5**self._finer)
+        kind = _Kind(space) if self._lazy else _Validated(space)
+        self._net = _net(kind, count, self.neighbours, number)
+        ids, lengths = self._net.neighbours.k_nearest(goal, min(self.neighbours, len(self._net.points)))
+        if not self._lazy and ids.size:
+            starts = np.repeat(goal[None], len(ids), axis=0)
+            free = space.motions_free(starts, self._net.points[ids])
+            ids, lengths = ids[free], lengths[free]
+        self._near_goal = ids
+        points = np.vstack([self._net.points, goal])
+        return Graph(points, with_vertex(self._net.graph, ids, lengths), len(points) - 1)
+
+    def anchor(self, states: Floats) -> Anchors:
+        """Join each state to its nearest vertices, and to the goal where that is as near."""
+        count = min(self.anchors, len(self._net.points))
+        ids, lengths = self._net.neighbours.k_nearest_many(states, count)
+        vertices = ids.astype(np.int32)
+        goal, last = self.query.space.distance(states, self.query.goal), lengths[:, -1]
+        near = np.flatnonzero(goal <= last)
+        vertices[near, -1], lengths[near, -1] = self.graph.goal, goal[near]
+        anchors = Anchors(vertices, lengths, np.full(vertices.shape, -1, np.int32))
+        if not self._lazy:
+            starts = np.repeat(states, vertices.shape[1], axis=0)
+            free = self.query.space.motions_free(starts, self.graph.points[vertices.ravel()])
+            self.looks += free.size
+            anchors.lengths[~free.reshape(lengths.shape)] = np.inf
+        return anchors
+
+    def __call__(self, states: Floats) -> Floats:
+        """(n, d') states to (n,) cost-to-go; candidates around a node share the search for vertices."""
+        count = _AROUND * self.anchors
+        if not self._lazy or len(states) > 4 * count or len(self._net.points) <= count:
+            return super().__call__(states)
+        some, lengths = self._net.neighbours.k_nearest(states[0], count)
+        space = self.query.space
+        if float(np.max(space.distance(states, states[0]))) > lengths[-1]:
+            return super().__call__(states)
+        if float(space.distance(states[0], self.query.goal)) <= lengths[-1]:
+            some = np.append(some, self.graph.goal)
+        return values_among(
+            np.ascontiguousarray(states), some, self.graph.points, self.graph.distance, self.anchors,
+            self.taught.arrays, space.metric,
+        )  # fmt: skip
+
+    def follow(self, states: Floats) -> Floats:
+        """(n,) cost-to-go of the nodes; on a finer roadmap where none of them sees a way any more."""
+        h = super().follow(states)
+        while self._finer < _FINER and self._lazy and not np.isfinite(h.min()):
+            self._finer += 1
+            earlier, self.taught = self.taught, Taught(states.shape[1])
+            self._restart()
+            for state, reach, factor in zip(*earlier.arrays, strict=True):
+                self.raise_near(state, reach / 2.0, factor)
+            h = super().follow(states)
+        return h
+
+    def edges_near(self, state: Floats, reach: float) -> Ints:
+        """Edges that pass within ``reach`` of a state; the goal's own come last."""
+        edges = self._net.segments.within(state, reach)
+        m = len(self._net.graph.lengths)
+        own = self._own_edges().within(state, reach) + m
+        return np.concatenate([edges, own])
+
+    def _own_edges(self) -> SegmentIndex:
+        if self._segments is None:
+            m = len(self._net.graph.lengths)
+            self._segments = SegmentIndex(self.graph.points, self.graph.edges[m:], self.query.space.metric)
+        return self._segments
+
+    def vertices_near(self, state: Floats, reach: float) -> Ints:
+        """Vertices within ``reach`` of a state; the goal is none of them."""
+        return self._net.neighbours.within(state, reach)
+
+
+class _Kind:
+    """Spaces that lazy roadmaps cannot tell apart: those of the same bounds and metric."""
+
+    def __init__(self, space: ConfigurationSpace) -> None:
+        self._space = space
+        self._key = b"".join(a.tobytes() for a in (space.lower, space.upper, *space.metric))
+
+    def __hash__(self) -> int:
+        return hash(self._key)
+
+    def __eq__(self, other: object) -> bool:
+        return type(other) is type(self) and other._key == self._key
 
     @property
-    def distance(self) -> NDArray[np.float64]:
-        """(v,) length of the shortest path from each vertex to the goal; infinite if there is none."""
-        return self.tree.distance
+    def metric(self) -> Metric:
+        """The metric of such spaces."""
+        return self._space.metric
 
-    def lengthen(self, edges: NDArray[np.int32], share: float) -> None:
-        """Add a share of its length to the weight of some edges."""
-        self.multipliers[edges] += share
-        self.tree.raise_weights(edges, self.lengths[edges] * self.multipliers[edges])
-        self._changed += [self.tree.changed.copy(), self.edges[edges].ravel()]
+    def vertices(self, rng: np.random.Generator, count: int) -> Floats:
+        """(count, d') samples."""
+        return self._space.sample(rng, count)
 
-    def remove(self, edges: NDArray[np.int32]) -> None:
-        """Remove some edges."""
-        self.multipliers[edges] = np.inf
-        self.tree.remove_edges(edges)
-        self._changed.append(self.tree.changed.copy())
-
-    def remove_vertices(self, vertices: NDArray[np.int64]) -> None:
-        """Remove some vertices with all their edges."""
-        indptr, edge_of = self._graph.indptr, self._graph.edge_of
-        self.remove(np.concatenate([edge_of[indptr[v] : indptr[v + 1]] for v in vertices]))
-
-    def take_changes(self) -> NDArray[np.int64]:
-        """Vertices whose distance, or the weight of one of whose edges, has changed since the last call."""
-        changes = np.concatenate(self._changed).astype(np.int64) if self._changed else np.zeros(0, np.int64)
-        self._changed = []
-        return changes
-
-    def graph(self) -> nx.Graph:
-        """The roadmap as it stands, as a networkx graph: ``pos`` per vertex, ``weight`` per edge."""
-        graph = nx.Graph()
-        graph.add_nodes_from((i, {"pos": tuple(p)}) for i, p in enumerate(self.points.tolist()))
-        for (a, b), length, factor in zip(self.edges.tolist(), self.lengths, self.multipliers, strict=True):
-            if np.isfinite(factor):
-                graph.add_edge(a, b, weight=float(length * factor))
-        return graph
+    def free(self, starts: Floats, ends: Floats) -> np.ndarray | slice:
+        """Which edges to keep."""
+        return slice(None)
 
 
-class RoadmapGuidance(GuidingSpace):
-    """A guiding space whose heuristic is the shortest-path length on a roadmap.
+class _Validated(_Kind):
+    """One space, obstacles included."""
 
-    A subclass writes `build` (the roadmap), `anchor` (how configurations project onto it) and usually
-    `feedback` (what a failure takes away).
-    """
+    def __init__(self, space: ConfigurationSpace) -> None:
+        super().__init__(space)
+        self._key = space.fingerprint().encode()
 
-    roadmap: Roadmap
+    def vertices(self, rng: np.random.Generator, count: int) -> Floats:
+        """(<= count, d') valid samples; fewer only if C'_free is tiny."""
+        kept: list[Floats] = []
+        for _ in range(20):
+            drawn = self._space.sample(rng, count)
+            kept.append(drawn[self._space.valid(drawn)])
+            if sum(map(len, kept)) >= count:
+                break
+        return np.concatenate(kept)[:count]
 
-    def prepare(self) -> None:
-        """Build the roadmap."""
-        self.roadmap = self.build()
-        self.forget()
-
-    @abstractmethod
-    def build(self) -> Roadmap:
-        """The roadmap for ``self.search``."""
-
-    @abstractmethod
-    def anchor(self, q: NDArray[np.float64]) -> Anchors:
-        """Join (n, d) configurations to the roadmap."""
-
-    def forget(self) -> None:
-        """Project all nodes anew."""
-        super().forget()
-        self._anchored: AnchoredNodes | None = None
-
-    def project(self, tree: SearchTree, q: NDArray[np.float64]) -> Anchors:  # type: ignore[override]
-        """P_T: the anchors that join each configuration to the roadmap."""
-        return self.anchor(np.ascontiguousarray(q))
-
-    def heuristic(self, states: Anchors) -> NDArray[np.float64]:  # type: ignore[override]
-        """h: length of the shortest path to the goal on the roadmap as it stands."""
-        return anchored_values(
-            states.vertices,
-            states.lengths,
-            states.edges,
-            self.roadmap.multipliers,
-            self.roadmap.distance,
-            len(states),
-        )
-
-    def evaluate(self, tree: SearchTree, first: int, last: int) -> NDArray[np.float64]:
-        """(last - first,) h of the nodes that have come since; their anchors are kept."""
-        fresh = self.project(tree, tree.nodes.configurations[first:last])
-        if self._anchored is None:
-            self.roadmap.take_changes()
-            self._anchored = AnchoredNodes(fresh, len(self.roadmap.points))
-        else:
-            self._anchored.append(fresh)
-        return self.heuristic(fresh)
-
-    def anchors(self, tree: SearchTree) -> Anchors:
-        """The anchors of all nodes of the tree; at least ``len(tree)`` rows."""
-        self.values(tree)
-        assert self._anchored is not None
-        return self._anchored.anchors
-
-    def values(self, tree: SearchTree) -> NDArray[np.float64]:
-        """(n,) h of each node, the penalty for its expansions so far included."""
-        if self._anchored is not None:
-            rows = self._anchored.affected(self.roadmap.take_changes())
-            if rows.size:
-                self._values.change(tree, rows, self._values_at(rows))
-        return super().values(tree)
-
-    def _values_at(self, rows: NDArray[np.int64]) -> NDArray[np.float64]:
-        assert self._anchored is not None
-        a = self._anchored.anchors
-        return anchored_values_of(
-            rows, a.vertices, a.lengths, a.edges, self.roadmap.multipliers, self.roadmap.distance
-        )
-
-    def drop_near(self, tree: SearchTree, contact: NDArray[np.float64], radius: float) -> None:
-        """Drop the nodes' anchors that pass within ``radius`` of a colliding configuration."""
-        nodes = self._anchored
-        if nodes is None:
-            return
-        rows = tree.index.within(contact, radius + nodes.longest)
-        rows = rows[rows < len(nodes)]
-        drop_anchors(
-            tree.nodes.configurations, rows, nodes.anchors.vertices, nodes.anchors.lengths,
-            self.roadmap.points, contact[None], radius, self.space.metric,
-        )  # fmt: skip
-        nodes.stale(rows)
-
-    def invalid_near(
-        self, index: GrowingIndex, contact: NDArray[np.float64], reach: float
-    ) -> NDArray[np.int64]:
-        """Roadmap vertices within ``reach`` of a colliding configuration that are in collision too.
-
-        A collision is the occasion to look at what was left unvalidated around it.
-        """
-        near = index.within(contact, reach)
-        near = near[np.isfinite(self.roadmap.distance[near])]
-        if near.size == 0:
-            return near
-        self.search.collision_checks += near.size
-        return near[~self.space.valid(self.roadmap.points[near])]
-
-    def drawing(self) -> dict[str, NDArray[Any]]:
-        """What a figure shows.
-
-        ``points`` (v, 2) with their h as ``values`` (v,); ``edges`` (m, 2), ``alive`` (m,), ``weights`` (m,).
-        """
-        factor = self.roadmap.multipliers
-        return {
-            "points": self.roadmap.points[:, :2],
-            "values": self.roadmap.distance,
-            "edges": self.roadmap.edges,
-            "alive": np.isfinite(factor),
-            "weights": np.where(np.isfinite(factor), factor, 1.0),
-        }
+    def free(self, starts: Floats, ends: Floats) -> np.ndarray | slice:
+        """The edges whose motion is free."""
+        return self._space.motions_free(starts, ends)
 
 
-class AnchoredNodes:
-    """The anchors of a growing tree's nodes, and for each roadmap vertex the nodes that are anchored to it.
-
-    The lists tell which nodes a change of the roadmap concerns, so that it costs what it changes and not
-    what the tree holds.
-    """
-
-    def __init__(self, first: Anchors, roadmap_vertices: int) -> None:
-        self.anchors = Anchors(first.vertices[:0], first.lengths[:0], first.edges[:0])
-        self.longest = 0.0  # upper bound of the finite lengths
-        self._n = 0
-        self._head = np.full(roadmap_vertices, -1, np.int32)
-        self._node_of = np.zeros(0, np.int32)
-        self._following = np.zeros(0, np.int32)
-        self._links = 0
-        self._stale: list[NDArray[np.int64]] = []
-        self.append(first)
-
-    def __len__(self) -> int:
-        return self._n
-
-    def append(self, fresh: Anchors) -> None:
-        """Take in the anchors of the next nodes."""
-        first, last = self._n, self._n + len(fresh)
-        if last > len(self.anchors):
-            a = self.anchors
-            self.anchors = Anchors(*(_grown(x, 2 * last) for x in (a.vertices, a.lengths, a.edges)))
-        self._n = last
-        self.replace(np.arange(first, last), fresh, contiguous=True)
-
-    def replace(self, rows: NDArray[np.int64], fresh: Anchors, contiguous: bool = False) -> None:
-        """Give some nodes other anchors."""
-        a = self.anchors
-        where = slice(rows[0], rows[-1] + 1) if contiguous else rows
-        a.vertices[where], a.lengths[where], a.edges[where] = fresh.vertices, fresh.lengths, fresh.edges
-        finite = fresh.lengths[np.isfinite(fresh.lengths)]
-        if finite.size:
-            self.longest = max(self.longest, float(finite.max()))
-        needed = self._links + fresh.vertices.size
-        if needed > self._node_of.size:
-            self._node_of, self._following = (_grown(x, 2 * needed) for x in (self._node_of, self._following))
-        spans = [(int(rows[0]), int(rows[-1]) + 1)] if contiguous else [(int(i), int(i) + 1) for i in rows]
-        for first, last in spans:
-            self._links = link_anchors(
-                a.vertices, first, last, self._head, self._node_of, self._following, self._links
-            )
-
-    def stale(self, rows: NDArray[np.int64]) -> None:
-        """Note that h of these nodes has to be computed anew."""
-        self._stale.append(rows)
-
-    def affected(self, vertices: NDArray[np.int64]) -> NDArray[np.int64]:
-        """Nodes whose h has to be computed anew: anchored to one of the vertices, or stale."""
-        rows = self._stale
-        self._stale = []
-        if vertices.size:
-            rows.append(linked_nodes(vertices, self._head, self._node_of, self._following, self._n))
-        return np.concatenate(rows) if rows else np.zeros(0, np.int64)
-
-
-def _grown(array: NDArray[Any], rows: int) -> NDArray[Any]:
-    out = np.zeros((rows, *array.shape[1:]), array.dtype)
-    out[: len(array)] = array
-    return out
+@lru_cache(maxsize=64)
+def _net(kind: _Kind, vertices: int, neighbours: int, number: int) -> _Net:
+    points = kind.vertices(np.random.default_rng([vertices, neighbours, number]), vertices)
+    graph = nearest_graph(points, kind.metric, neighbours)
+    ends = points[graph.edges[:, 0]], points[graph.edges[:, 1]]
+    kept = kind.free(*ends)
+    if not isinstance(kept, slice):
+        graph = graph_from_edges(len(points), graph.edges[kept], graph.lengths[kept])
+    index = GrowingIndex(kind.metric, capacity=max(len(points), 1))
+    index.add_many(points)
+    return _Net(points, graph, index, SegmentIndex(points, graph.edges, kind.metric))

@@ -13,14 +13,9 @@ from numpy.typing import NDArray
 from guided_gym.checks import number
 from guided_gym.errors import InvalidInputError
 from guided_gym.geometry.environment import Environment
-from guided_gym.guidance.solvers.base import Query
-from guided_gym.guidance.solvers.roadmap import AnchoredNodes, Anchors, Roadmap
-from guided_gym.kernels.anchors import (
-    anchored_values,
-    anchored_values_of,
-    nearest_segments,
-    segments_within,
-)
+from guided_gym.guidance.solvers.base import require_dimensions
+from guided_gym.guidance.solvers.graph import Anchors, Graph, GraphCostToGo
+from guided_gym.kernels.anchors import nearest_segments
 from guided_gym.structures.shortest_paths import graph_from_edges
 
 _SAMPLES_PER_DIAGONAL = 200  # boundary samples along a line as long as the workspace's diagonal
@@ -138,102 +133,59 @@ def _chains(graph: nx.Graph, corners: set[int]) -> list[list[int]]:
     return chains
 
 
-class Skeleton:
-    """A solver: h is the way along the medial axis of the free workspace, from the nearest edge of it.
+class Skeleton(GraphCostToGo):
+    """Shortest paths along the medial axis of the free workspace, from the nearest edge of it.
 
     A state inside an obstacle has no way. What is joined is a position: for other robots than a point, the
     skeleton is that of the workspace, not of C'.
 
     Args:
-        spacing: Length of a skeleton edge, in units of the local planner's step.
+        spacing: Length of a skeleton edge, in natural lengths of the space.
 
     Raises:
         InvalidInputError: A spacing that is not positive.
-
-    Attributes:
-        roadmap: The skeleton since `begin`, the goal's projection a vertex of its own.
     """
-
-    roadmap: Roadmap
 
     def __init__(self, *, spacing: float = 1.0) -> None:
         self.spacing = number("spacing", spacing, above=0)
 
-    def begin(self, query: Query, rng: np.random.Generator, step: float) -> None:
-        """Draw the skeleton; see `CostToGo`.
+    def build(self) -> Graph:
+        """The skeleton, with the goal's projection as its last vertex.
 
         Raises:
             InvalidInputError: A space of other than 2 dimensions, or one too small for a skeleton.
         """
-        if query.space.dimension != 2:
-            raise InvalidInputError(
-                f"skeleton: expected a space of 2 dimensions, got {query.space.dimension} dimensions"
-            )
-        self._environment = query.space.environment
-        points, edges = medial_axis(self._environment, self.spacing * step)
-        split, fraction, _ = nearest_segments(query.goal[None], points[edges[:, 0]], points[edges[:, 1]])
+        require_dimensions("skeleton", self.query, 2)
+        space, goal = self.query.space, self.query.goal
+        points, edges = medial_axis(space.environment, self.spacing * space.scale)
+        split, fraction, _ = nearest_segments(goal[None], points[edges[:, 0]], points[edges[:, 1]])
         a, b = edges[split[0]]
         n = len(points)
         points = np.vstack([points, points[a] + fraction[0] * (points[b] - points[a])])
         edges = np.vstack([np.delete(edges, split[0], axis=0), [[a, n], [n, b]]]).astype(np.int32)
         self._tails, self._heads = (np.ascontiguousarray(points[edges[:, i]]) for i in (0, 1))
         lengths = np.hypot(*(self._heads - self._tails).T)
-        self.roadmap = Roadmap(points, graph_from_edges(n + 1, edges, lengths), n)
-        self._nodes: AnchoredNodes | None = None
-        self._values = np.zeros(64)
+        return Graph(points, graph_from_edges(n + 1, edges, lengths), n)
 
-    def __call__(self, states: NDArray[np.float64]) -> NDArray[np.float64]:
-        """(n, 2) states to (n,) cost-to-go (length); infinite inside obstacles."""
-        return self._of(self.join(states))
-
-    def join(self, states: NDArray[np.float64]) -> Anchors:
+    def anchor(self, states: NDArray[np.float64]) -> Anchors:
         """Join each state to both ends of its nearest skeleton edge."""
         e, fraction, _ = nearest_segments(states, self._tails, self._heads)
-        along = fraction * self.roadmap.lengths[e]
-        lengths = np.stack([along, self.roadmap.lengths[e] - along], axis=1)
-        lengths[self._environment.clearance(states) <= 0] = np.inf
-        return Anchors(self.roadmap.edges[e], lengths, np.repeat(e[:, None], 2, axis=1))
+        along = fraction * self.graph.lengths[e]
+        lengths = np.stack([along, self.graph.lengths[e] - along], axis=1)
+        lengths[self.query.space.environment.clearance(states) <= 0] = np.inf
+        return Anchors(self.graph.edges[e], lengths, np.repeat(e[:, None], 2, axis=1))
 
-    def follow(self, states: NDArray[np.float64]) -> NDArray[np.float64]:
-        """(n,) cost-to-go of the nodes; what a change of the skeleton does not concern is not looked at."""
-        known, n = 0 if self._nodes is None else len(self._nodes), len(states)
-        if self._nodes is not None:
-            rows = self._nodes.affected(self.roadmap.take_changes())
-            a = self._nodes.anchors
-            self._values[rows] = anchored_values_of(
-                rows, a.vertices, a.lengths, a.edges, self.roadmap.multipliers, self.roadmap.distance
-            )
-        if n > len(self._values):
-            self._values = np.resize(self._values, 2 * n)
-        if n > known:
-            fresh = self.join(states[known:n])
-            if self._nodes is None:
-                self.roadmap.take_changes()
-                self._nodes = AnchoredNodes(fresh, len(self.roadmap.points))
-            else:
-                self._nodes.append(fresh)
-            self._values[known:n] = self._of(fresh)
-        values = self._values[:n]
-        values.flags.writeable = False
-        return values
+    def _charge(self, states: NDArray[np.float64], anchors: Anchors) -> None:
+        """Nothing: anchors run along edges, and grow with them."""
 
-    def raise_near(self, state: NDArray[np.float64], reach: float, factor: float) -> None:
-        """Add ``factor - 1`` times its length to the weight of the nearest edge and of all within reach."""
-        edge, _, away = nearest_segments(state[None], self._tails, self._heads)
-        edges = edge
-        if away[0] < reach:
-            edges = segments_within(state, self._tails, self._heads, reach)
-        if np.isinf(factor):
-            self.roadmap.remove(edges)
-        else:
-            self.roadmap.lengthen(edges, factor - 1.0)
+    def _teach(self, state: NDArray[np.float64], reach: float, factor: float) -> None:
+        self.graph.raise_edges(self.edges_near(state, reach), factor)
 
-    def landmarks(self, state: NDArray[np.float64], reach: float) -> NDArray[np.float64]:
-        """None: the skeleton lies in the free workspace."""
-        return np.zeros((0, 2))
+    def edges_near(self, state: NDArray[np.float64], reach: float) -> NDArray[np.int64]:
+        """The edge that a state is joined to, and those that pass within ``reach`` of it."""
+        nearest = nearest_segments(state[None], self._tails, self._heads)[0].astype(np.int64)
+        return np.union1d(nearest, super().edges_near(state, reach)) if reach > 0 else nearest
 
-    def _of(self, states: Anchors) -> NDArray[np.float64]:
-        roadmap = self.roadmap
-        return anchored_values(
-            states.vertices, states.lengths, states.edges, roadmap.multipliers, roadmap.distance, len(states)
-        )
+    def vertices_near(self, state: NDArray[np.float64], reach: float) -> NDArray[np.int64]:
+        """Vertices within ``reach`` of a state."""
+        return np.flatnonzero(np.hypot(*(self.graph.points - state).T) <= reach)

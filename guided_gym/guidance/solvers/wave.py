@@ -21,7 +21,7 @@ from guided_gym.errors import InvalidInputError
 from guided_gym.geometry.environment import Environment
 from guided_gym.geometry.robots import Robot
 from guided_gym.geometry.space import ConfigurationSpace
-from guided_gym.guidance.solvers.base import Query
+from guided_gym.guidance.solvers.base import Query, Valid
 from guided_gym.kernels import fields
 
 if TYPE_CHECKING:
@@ -299,6 +299,8 @@ class Wave:
         check_grid(cells, headings)
         self._model = WaveModel(cells, headings, number("blocked", blocked, least=1))
 
+    looks = 0
+
     def begin(self, query: Query, rng: np.random.Generator, step: float) -> None:
         """Run the wave for a query; see `CostToGo`.
 
@@ -361,9 +363,8 @@ class Wave:
             fields.multiply_near(field, q, self._field.frame, reach, factor)
         self._waiting += 1
 
-    def landmarks(self, state: FloatArray, reach: float) -> FloatArray:
-        """None: the grid's poses have been looked at."""
-        return np.zeros((0, self._space.dimension))
+    def inspect(self, state: FloatArray, reach: float, valid: Valid) -> None:
+        """Nothing: the grid's poses have been looked at."""
 
     def _join(self, states: FloatArray) -> fields.Joined:
         q = np.require(states, np.float64, ["C", "W"])

@@ -1,0 +1,207 @@
+"""The one mechanism: modify robot or environment, solve the easier problem, take its value for h, compose.
+
+Every guiding space of the paper's three categories is a `Composed`, written as an expression such as
+``roadmap(robot=disc)``; `guided_gym.guidance.recipes` has those with a name of their own.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import Any, ClassVar
+
+import numpy as np
+from numpy.typing import NDArray
+
+from guided_gym.checks import number
+from guided_gym.errors import InvalidInputError
+from guided_gym.geometry.environment import Environment
+from guided_gym.guidance.base import GuidingSpace
+from guided_gym.guidance.modifications import SAME, UNCHANGED, EnvironmentModification, RobotModification
+from guided_gym.guidance.solvers.base import CostToGo, Query
+from guided_gym.search.search import Expansion
+from guided_gym.search.tree import SearchTree
+
+Floats = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Lesson:
+    """What a failed expansion teaches the solver. Lengths are in units of the space's natural length.
+
+    Attributes:
+        node: Whether it concerns the node that failed to expand; else the configuration where it collided.
+        reach: How far around it ways get costlier; 0 for the way that begins there.
+        factor: How many times costlier; infinite forbids.
+        check: How far around the collision what ways run through is validated; 0 for nothing.
+    """
+
+    node: bool = False
+    reach: float = 0.1
+    factor: float = math.inf
+    check: float = 0.0
+
+    def __post_init__(self) -> None:
+        number("reach", self.reach, least=0)
+        number("check", self.check, least=0)
+        if not self.factor >= 1:
+            raise InvalidInputError(f"factor: expected a number, at least 1, got {self.factor!r}")
+
+
+FORBID = Lesson(check=1.5)
+"""For C' = C without some obstacles: a failure refutes what passes near it, and has more looked at."""
+AVOID = Lesson(reach=0.5, factor=3.0)
+"""For another robot: a failure says nothing certain of its states, but makes the ways there less likely."""
+
+
+class Composed(GuidingSpace):
+    """A guiding space S = (r', E') with h(x) = d_S(P(x), P(t)), as a solver sees it (paper, Section 4).
+
+    Args:
+        solver: Who works out the cost-to-go on the easier problem.
+        robot: r -> r', and the projection.
+        environment: E -> E'.
+        lesson: What a failure teaches; by default `FORBID` where the robot is the same and E' optimistic,
+            `AVOID` elsewhere.
+        fallback: Who guides while the solver sees a way from no node; every node is as good as another if
+            None.
+        detour: How much a node's suboptimality counts beside its cost-to-go, both as the solver sees them.
+        temperature: See `GuidingSpace`.
+        expansion_penalty: What each expansion of a node adds to its h, in natural lengths of the space.
+    """
+
+    name: ClassVar[str] = "composed"
+
+    def __init__(
+        self,
+        solver: CostToGo,
+        robot: RobotModification = SAME,
+        environment: EnvironmentModification = UNCHANGED,
+        *,
+        lesson: Lesson | None = None,
+        fallback: GuidingSpace | None = None,
+        detour: float = 0.0,
+        temperature: float = 0.0,
+        expansion_penalty: float = 0.1,
+    ) -> None:
+        super().__init__(temperature=temperature, expansion_penalty=expansion_penalty)
+        self.solver, self.robot, self.environment, self.fallback = solver, robot, environment, fallback
+        forbids = robot.keeps and environment.optimistic
+        self.lesson = (FORBID if forbids else AVOID) if lesson is None else lesson
+        self.detour = number("detour", detour, least=0)
+
+    def prepare(self) -> None:
+        """Modify the problem, and have the solver begin."""
+        self._unit = self.space.scale
+        self._penalty = self.expansion_penalty * self._unit
+        self._failures: list[tuple[Floats, Floats]] = []
+        self._begin(self.environment.environment(self.space.environment))
+        if self.fallback is not None:
+            self.fallback.reset(self.search)
+
+    def _begin(self, environment: Environment) -> None:
+        start, goal = self.search.start, self.goal
+        easier = self.robot.space(self.space, environment, start)
+        self.query = Query(easier, self._state(start), self._state(goal))
+        self.solver.begin(self.query, self.rng, self.planner.step)
+        self._states = np.zeros((0, easier.dimension))
+        self._projected = 0
+        self._count_looks()
+
+    def _state(self, q: Floats) -> Floats:
+        state: Floats = np.ascontiguousarray(self.robot.project(q[None])[0])
+        return state
+
+    def _count_looks(self, before: int = 0) -> None:
+        """Whatever the solver looked at is counted among the search's collision checks."""
+        self.search.collision_checks += self.solver.looks - before
+
+    def project(self, tree: SearchTree, q: Floats) -> Floats:
+        """P: (n, d) configurations to (n, d') states of C'."""
+        return np.ascontiguousarray(self.robot.project(q))
+
+    def heuristic(self, states: Floats) -> Floats:
+        """(n,) the solver's cost-to-go (length)."""
+        before = self.solver.looks
+        h = self.solver(states)
+        self._count_looks(before)
+        return h
+
+    def costs(self, tree: SearchTree) -> Floats:
+        """(n,) the solver's cost-to-go of each node (length)."""
+        n, before = len(tree), self.solver.looks
+        if self.robot.keeps:
+            states = tree.nodes.configurations[:n]
+        else:
+            if n > len(self._states):
+                wider = np.zeros((2 * n, self._states.shape[1]))
+                wider[: self._projected] = self._states[: self._projected]
+                self._states = wider
+            fresh = tree.nodes.configurations[self._projected : n]
+            self._states[self._projected : n] = self.robot.project(fresh)
+            self._projected = n
+            states = self._states[:n]
+        h = self.solver.follow(states)
+        self._count_looks(before)
+        return h
+
+    def values(self, tree: SearchTree) -> Floats:
+        """(n,) h of each node (length), with its detour and the penalty for its expansions so far."""
+        n, nodes = len(tree), tree.nodes
+        h = self.costs(tree)
+        total: Floats = h + self._penalty * (nodes.failures[:n] + nodes.children[:n])
+        if self.detour > 0 and math.isfinite(h[0]):
+            total += self.detour * np.maximum(nodes.costs[:n] + h - h[0], 0.0)
+        return total
+
+    def select(self, tree: SearchTree) -> int:
+        """Argmin h, or the fallback's choice while no node has a way."""
+        if self.fallback is not None and not np.isfinite(self.values(tree)).any():
+            return self.fallback.select(tree)
+        return super().select(tree)
+
+    def distribution(self, tree: SearchTree) -> Floats:
+        """(n,) the distribution P over the nodes from which `select` draws."""
+        if self.fallback is not None and not np.isfinite(self.values(tree)).any():
+            return self.fallback.distribution(tree)
+        return super().distribution(tree)
+
+    def propose(self, tree: SearchTree, node: int) -> Floats:
+        """(d,) the candidate with the least h; the fallback's proposal while the node has no way."""
+        if self.fallback is not None and not math.isfinite(self.costs(tree)[node]):
+            return self.fallback.propose(tree, node)
+        return super().propose(tree, node)
+
+    def feedback(self, expansion: Expansion) -> None:
+        """Teach the solver what a failure means, or have it begin anew in another E'."""
+        if expansion.contact is not None:
+            failure = (self.search.tree.configurations[expansion.node], expansion.contact)
+            self._failures.append(failure)
+            revised = self.environment.revised(self.space, expansion.contact)
+            if revised is None:
+                self._teach(*failure)
+            else:
+                self._begin(revised)
+                for earlier in self._failures:
+                    self._teach(*earlier)
+        if self.fallback is not None:
+            self.fallback.feedback(expansion)
+
+    def _teach(self, node: Floats, contact: Floats) -> None:
+        lesson, before = self.lesson, self.solver.looks
+        state = self._state(node if lesson.node else contact)
+        if lesson.factor > 1:
+            self.solver.raise_near(state, lesson.reach * self._unit, lesson.factor)
+        if lesson.check > 0 and self.robot.keeps:
+            self.solver.inspect(state, lesson.check * self._unit, self._valid)
+        self._count_looks(before)
+
+    def _valid(self, states: Floats) -> NDArray[np.bool_]:
+        self.search.collision_checks += len(states)
+        valid: NDArray[np.bool_] = np.asarray(self.space.valid(np.ascontiguousarray(states)))
+        return valid
+
+    def drawing(self) -> dict[str, NDArray[Any]]:
+        """What a figure shows of the solver, if it shows anything."""
+        draw = getattr(self.solver, "drawing", None)
+        return draw() if draw is not None else {}

@@ -1,0 +1,358 @@
+"""Modifications of robot and environment: what makes a problem easier (paper, Categories of Guidance).
+
+A guiding space is C' = (r', E'). A robot modification gives r' and the projection P : C -> C'; an environment
+modification gives E', where P is the identity. One joins by adding a row to `ROBOTS` or `ENVIRONMENTS`.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Sequence
+from functools import lru_cache
+from pathlib import Path
+from typing import Any, Final, Protocol
+
+import numpy as np
+import shapely
+
+from guided_gym.checks import instance, integer, number
+from guided_gym.errors import InvalidInputError
+from guided_gym.geometry.environment import Environment
+from guided_gym.geometry.robots import Robot
+from guided_gym.geometry.space import ConfigurationSpace
+from guided_gym.guidance.solvers.base import Floats
+from guided_gym.guidance.subspace import Subspace
+from guided_gym.storage.path_file import PathDatabase
+from guided_gym.storage.path_library import PathLibrary
+
+_CORNERS: Final = 32  # of a polygon that stands for a disc
+
+
+class RobotModification(Protocol):
+    """r -> r', and the projection P : C -> C'.
+
+    Attributes:
+        keeps: Whether C' = C: then a failure in C says of the same state of C' that it is invalid.
+    """
+
+    keeps: bool
+
+    def space(self, space: ConfigurationSpace, environment: Environment, start: Floats) -> ConfigurationSpace:
+        """C' = (r', E') for the robot of a space and the environment E'.
+
+        Raises:
+            InvalidInputError: A robot that cannot be modified in this way.
+        """
+
+    def project(self, q: Floats) -> Floats:
+        """(n, d) configurations to (n, d') states of C'."""
+
+
+class EnvironmentModification(Protocol):
+    """E -> E'.
+
+    Attributes:
+        optimistic: Whether E' has no obstacle where E has none: then failures in C may refute what is seen in
+            C', and are taught to the solver as such.
+    """
+
+    optimistic: bool
+
+    def environment(self, environment: Environment) -> Environment:
+        """E' at the beginning of a search."""
+
+    def revised(self, space: ConfigurationSpace, contact: Floats) -> Environment | None:
+        """Another E' after a failure at a configuration of C; None where it stays what it is."""
+
+
+# Robots -----------------------------------------------------------------------------------------------------
+
+
+class SameRobot:
+    """r' = r."""
+
+    keeps = True
+
+    def space(self, space: ConfigurationSpace, environment: Environment, start: Floats) -> ConfigurationSpace:
+        """The space itself, or that of the same robot in E'."""
+        return space if environment is space.environment else _space(space, space.robot, environment)
+
+    def project(self, q: Floats) -> Floats:
+        """The identity."""
+        return q
+
+
+class Point:
+    """r' is the robot's reference point, as if nothing else could hit: the workspace (paper, Figure 1 d)."""
+
+    keeps = False
+
+    def space(self, space: ConfigurationSpace, environment: Environment, start: Floats) -> ConfigurationSpace:
+        """The workspace."""
+        return _space(space, _body(Robot.point), environment)
+
+    def project(self, q: Floats) -> Floats:
+        """(n, 2) positions."""
+        return q[:, :2]
+
+
+class Disc(Point):
+    """r' is a disc around the reference point (bounding volumes).
+
+    Args:
+        outer: The circumscribed disc, which is conservative: where it goes, the robot may turn as it likes.
+            Otherwise the inscribed one, which is optimistic: where the robot goes, it goes.
+    """
+
+    def __init__(self, *, outer: bool = False) -> None:
+        self.outer = outer
+
+    def space(self, space: ConfigurationSpace, environment: Environment, start: Floats) -> ConfigurationSpace:
+        """The space of the disc; of a point where the robot has no room for one."""
+        return _space(space, _disc_of(space.robot, self.outer), environment)
+
+
+class Subset:
+    """r' has some of the degrees of freedom; the others stay as they are at the start (freezing joints).
+
+    Args:
+        dimensions: Which coordinates; the first so many, if it is a number.
+    """
+
+    keeps = False
+
+    def __init__(self, dimensions: int | Sequence[int] = 2) -> None:
+        if not isinstance(dimensions, Sequence):
+            dimensions = range(integer("dimensions", dimensions, least=1))
+        self.dimensions = tuple(integer("dimensions", i, least=0) for i in dimensions)
+        if not self.dimensions or len(set(self.dimensions)) != len(self.dimensions):
+            raise InvalidInputError(f"dimensions: expected different coordinates, got {dimensions!r}")
+
+    def space(self, space: ConfigurationSpace, environment: Environment, start: Floats) -> ConfigurationSpace:
+        """The slice of C through the start."""
+        if max(self.dimensions) >= space.dimension:
+            raise InvalidInputError(
+                f"subset: expected coordinates 0 to {space.dimension - 1}, got {list(self.dimensions)}"
+            )
+        basis = np.eye(space.dimension)[list(self.dimensions)]
+        whole = SAME.space(space, environment, start)
+        self._slice = Subspace(whole, start, basis)
+        return self._slice
+
+    def project(self, q: Floats) -> Floats:
+        """(n, d') the coordinates that are kept."""
+        return self._slice.project(q)
+
+
+class Principal:
+    """r' moves in the linear subspace in which stored paths vary most: PCA of paths.
+
+    Args:
+        database: A `PathLibrary` or the file of one.
+        dimensions: Dimensions of the subspace.
+    """
+
+    keeps = False
+
+    def __init__(self, database: PathLibrary | str | Path | None = None, *, dimensions: int = 2) -> None:
+        if isinstance(database, str | Path):
+            with PathDatabase.open(database, readonly=True) as store:
+                database = store.load()
+        self.library = instance("database", database, PathLibrary)
+        self.dimensions = integer("dimensions", dimensions, least=1)
+
+    def space(self, space: ConfigurationSpace, environment: Environment, start: Floats) -> ConfigurationSpace:
+        """The plane through the mean of the waypoints, along their main directions in the metric."""
+        if self.library.dimension != space.dimension or self.dimensions > space.dimension:
+            raise InvalidInputError(
+                f"principal: expected paths of dimension {space.dimension} and at most as many directions, "
+                f"got paths of dimension {self.library.dimension} and {self.dimensions}"
+            )
+        points = self.library.waypoints
+        mean = points[0] + space.difference(points[0], points).mean(axis=0)
+        deviations = space.difference(mean, points) * space.weights
+        directions = np.linalg.svd(deviations, full_matrices=False)[2][: self.dimensions]
+        self._slice = Subspace(SAME.space(space, environment, start), mean, directions / space.weights)
+        return self._slice
+
+    def project(self, q: Floats) -> Floats:
+        """(n, d') coordinates along the main directions."""
+        return self._slice.project(q)
+
+
+SAME: Final = SameRobot()
+
+
+def _space(space: ConfigurationSpace, robot: Robot, environment: Environment) -> ConfigurationSpace:
+    """(r', E') with the metric of C, as far as r' has its coordinates; kept, since problems come again."""
+    return _kept_space(robot, environment, float(space.weights[2]) if robot.dimension == 3 else None)
+
+
+@lru_cache(maxsize=64)
+def _kept_space(robot: Robot, environment: Environment, weight: float | None) -> ConfigurationSpace:
+    return ConfigurationSpace(robot, environment, weight)
+
+
+@lru_cache(maxsize=8)
+def _body(make: Callable[[], Robot]) -> Robot:
+    return make()
+
+
+@lru_cache(maxsize=64)
+def _disc_of(robot: Robot, outer: bool) -> Robot:
+    """A regular polygon around the disc around the robot, or inside the disc inside it."""
+    if outer:
+        radius = robot.radius / math.cos(math.pi / _CORNERS)
+    else:
+        outline = robot.outline
+        inside = isinstance(outline, shapely.Polygon) and outline.contains(shapely.Point(0.0, 0.0))
+        radius = float(outline.boundary.distance(shapely.Point(0.0, 0.0))) if inside else 0.0
+    if radius == 0.0:
+        return _body(Robot.point)
+    angles = 2.0 * math.pi * np.arange(_CORNERS) / _CORNERS
+    corners = radius * np.column_stack([np.cos(angles), np.sin(angles)])
+    return Robot(shapely.Polygon(corners), dimension=2, name="outer disc" if outer else "inner disc")
+
+
+# Environments -----------------------------------------------------------------------------------------------
+
+
+class SameEnvironment:
+    """E' = E."""
+
+    optimistic = False
+
+    def environment(self, environment: Environment) -> Environment:
+        """The environment itself."""
+        return environment
+
+    def revised(self, space: ConfigurationSpace, contact: Floats) -> Environment | None:
+        """Never."""
+        return None
+
+
+class Nothing(SameEnvironment):
+    """E' = {}: lazy planning, which looks at obstacles only where it fails."""
+
+    optimistic = True
+
+    def environment(self, environment: Environment) -> Environment:
+        """The bounds alone."""
+        return Environment(environment.bounds)
+
+
+class Without(SameEnvironment):
+    """E' leaves out some obstacles (paper, Figure 1).
+
+    Args:
+        obstacles: Their numbers in `Environment.obstacles`.
+    """
+
+    optimistic = True
+
+    def __init__(self, *obstacles: int) -> None:
+        self.obstacles = tuple(integer("obstacle", i, least=0) for i in obstacles)
+
+    def environment(self, environment: Environment) -> Environment:
+        """The others."""
+        if self.obstacles and max(self.obstacles) >= len(environment.obstacles):
+            raise InvalidInputError(
+                f"without: expected obstacles 0 to {len(environment.obstacles) - 1}, "
+                f"got {list(self.obstacles)}"
+            )
+        kept = [o for i, o in enumerate(environment.obstacles) if i not in self.obstacles]
+        return Environment(environment.bounds, tuple(kept))
+
+
+class Shrunk(SameEnvironment):
+    """E' has obstacles that are smaller all around, grown back as failures come (iterative relaxation).
+
+    Args:
+        margin: By how much (length); by default half of the inscribed width of the thinnest obstacle.
+        patience: Failures after which the margin is halved; 0 for never.
+    """
+
+    optimistic = True
+
+    def __init__(self, margin: float = 0.1, *, patience: int = 10) -> None:
+        self.margin = number("margin", margin, above=0)
+        self.patience = integer("patience", patience, least=0)
+
+    def environment(self, environment: Environment) -> Environment:
+        """What is left of the obstacles."""
+        self._failures, self._margin = 0, self.margin
+        return _eroded(environment, self._margin)
+
+    def revised(self, space: ConfigurationSpace, contact: Floats) -> Environment | None:
+        """Obstacles half as much smaller, each so many failures."""
+        self._failures += 1
+        if self.patience == 0 or self._failures % self.patience or self._failures > 8 * self.patience:
+            return None
+        self._margin /= 2.0
+        return _eroded(space.environment, self._margin)
+
+
+class Hulls(SameEnvironment):
+    """E' has the convex hull of each obstacle: more constraints, and simpler ones."""
+
+    def environment(self, environment: Environment) -> Environment:
+        """The hulls."""
+        return Environment(environment.bounds, tuple(o.convex_hull for o in environment.obstacles))
+
+
+class Boxes(SameEnvironment):
+    """E' has the bounding box of each obstacle."""
+
+    def environment(self, environment: Environment) -> Environment:
+        """The boxes."""
+        return Environment(environment.bounds, tuple(o.envelope for o in environment.obstacles))
+
+
+class Revealed(SameEnvironment):
+    """E' is empty at first, and has each obstacle of E from the first failure at it on."""
+
+    optimistic = True
+
+    def environment(self, environment: Environment) -> Environment:
+        """The bounds alone."""
+        self._known: set[int] = set()
+        return Environment(environment.bounds)
+
+    def revised(self, space: ConfigurationSpace, contact: Floats) -> Environment | None:
+        """With the obstacle that the robot hit."""
+        obstacles = space.environment.obstacles
+        if not obstacles:
+            return None
+        away = shapely.distance(np.array(obstacles), space.robot.placed(contact))
+        hit = int(np.argmin(away))
+        if hit in self._known:
+            return None
+        self._known.add(hit)
+        return Environment(space.environment.bounds, tuple(obstacles[i] for i in sorted(self._known)))
+
+
+UNCHANGED: Final = SameEnvironment()
+
+
+def _eroded(environment: Environment, margin: float) -> Environment:
+    smaller = (o.buffer(-margin, join_style="mitre") for o in environment.obstacles)
+    return Environment(environment.bounds, tuple(o for o in smaller if not o.is_empty))
+
+
+# One row per modification: the words of ``robot=...`` and ``environment=...``.
+ROBOTS: Final[dict[str, Callable[..., Any]]] = {
+    "same": SameRobot,
+    "point": Point,
+    "disc": Disc,
+    "subset": Subset,
+    "principal": Principal,
+}
+ENVIRONMENTS: Final[dict[str, Callable[..., Any]]] = {
+    "same": SameEnvironment,
+    "nothing": Nothing,
+    "without": Without,
+    "shrunk": Shrunk,
+    "hulls": Hulls,
+    "boxes": Boxes,
+    "revealed": Revealed,
+}

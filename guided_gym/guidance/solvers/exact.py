@@ -1,0 +1,47 @@
+"""The exact solver, d_C itself. Nobody else in this folder may know the truth (see the architecture test)."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from guided_gym.errors import NoPathError
+from guided_gym.guidance.solvers.base import Floats, Query, Valid
+from guided_gym.measure.oracle import Oracle, oracle_for
+
+
+class Exact:
+    """The true cost-to-go d_{C'}(x, t) (paper, Simple Examples: S = C and h = d_C), from the oracle.
+
+    With nothing modified it is the guidance that perfect knowledge gives, failures not foreseen; on a
+    modified problem it is what the modification alone costs.
+    """
+
+    looks = 0
+
+    def begin(self, query: Query, rng: np.random.Generator, step: float) -> None:
+        """Solve, or load, the oracle; without a valid goal or a path no state has a way."""
+        self._query = query
+        self._oracle: Oracle | None = None
+        space = query.space
+        if space.valid(query.goal) and space.valid(query.start):
+            try:
+                self._oracle = oracle_for(space, query.goal, start=query.start)
+            except NoPathError:
+                return
+
+    def __call__(self, states: Floats) -> Floats:
+        """(n, d') states to (n,) true cost-to-go; infinite in collision."""
+        if self._oracle is None:
+            return np.full(len(states), np.inf)
+        costs = self._oracle.cost_to_go(np.ascontiguousarray(states))
+        return np.where(self._query.space.valid(states), costs, np.inf)
+
+    def follow(self, states: Floats) -> Floats:
+        """(n,) true cost-to-go of the nodes."""
+        return self(states)
+
+    def raise_near(self, state: Floats, reach: float, factor: float) -> None:
+        """Nothing: the truth does not change."""
+
+    def inspect(self, state: Floats, reach: float, valid: Valid) -> None:
+        """Nothing is unvalidated."""
