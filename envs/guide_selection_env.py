@@ -14,8 +14,9 @@ from guided_gym.envs.guided_search_env import OPTIONS, GuidedSearchEnv
 from guided_gym.errors import InvalidInputError, UnknownNameError
 from guided_gym.guidance.base import GuidingSpace
 from guided_gym.guidance.hybrid import Hybrid
+from guided_gym.guidance.learned.turns import Turns, bounds
 from guided_gym.guidance.registry import make_guides
-from guided_gym.guidance.rules import Turns, bounds
+from guided_gym.guidance.rules import Taking
 
 if TYPE_CHECKING:
     from guided_gym.catalogue.distributions import ProblemDistribution
@@ -148,14 +149,12 @@ class GuideSelectionEnv(gymnasium.Env[NDArray[np.float32], int]):
         self.searching.close()
 
 
-class _AsTold:
-    """The rule of a hybrid whose turns somebody else decides."""
+class _AsTold(Taking):
+    """The rule of a hybrid whose turns somebody else decides: who guided last guides on."""
 
-    def reset(self, count: int) -> int:
-        return 0
-
-    def next(self, current: int, expansion: Expansion) -> int:
-        return current
+    def learn(self, guide: int, expansion: Expansion) -> None:
+        """Stay with who was told to guide."""
+        self.turn = guide
 
 
 class Unobserved:

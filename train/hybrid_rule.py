@@ -18,8 +18,8 @@ from guided_gym.errors import InvalidInputError
 from guided_gym.guidance.base import GuidingSpace
 from guided_gym.guidance.hybrid import Hybrid
 from guided_gym.guidance.learned.rule import LearnedRule, RuleModel, rule_shapes, save_rule
+from guided_gym.guidance.learned.turns import COLUMN_NAMES
 from guided_gym.guidance.registry import make_guides
-from guided_gym.guidance.rules import COLUMN_NAMES
 from guided_gym.train.reinforcement import Progress, ReinforcementConfig, Tensors, Trainee, train
 from guided_gym.train.specs import package_version
 

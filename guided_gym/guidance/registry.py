@@ -13,6 +13,7 @@ from guided_gym.guidance.grammar import FAMILY, JOINED, Call, parse
 from guided_gym.guidance.hybrid import Hybrid
 from guided_gym.guidance.modifications import ENVIRONMENTS, ROBOTS
 from guided_gym.guidance.recipes import RECIPES, SOLVERS
+from guided_gym.guidance.rules import RULES
 from guided_gym.guidance.tables import SEVERAL, Maker, Table, register_kind
 from guided_gym.guidance.wavefront import Wavefront
 
@@ -80,6 +81,7 @@ for _option in (SEVERAL, "guide", "guidance", "fallback"):
     register_kind(_option, GUIDANCES)
 register_kind("robot", Table("robot modification", ROBOTS))
 register_kind("environment", Table("environment modification", ENVIRONMENTS))
+register_kind("rule", Table("rule", RULES))
 
 
 def register_guidance(maker: M, name: str | None = None, *, replace: bool = False) -> M:

@@ -1,189 +1,216 @@
-"""Rules of hybrids: who guides the next sample, and the numbers by which a learned rule chooses.
+"""Rules of hybrids: how much each guiding space guides the next sample (paper, Multi-Guidance Search).
 
-The environment ``GuideSelection`` observes these, and a learned rule of `Hybrid` decides by them, so that
-what was trained in the one runs in the other. Nothing of the oracle is among them.
+One joins by adding a row to `RULES`; it needs what `Rule` says.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
-from enum import IntEnum
-from functools import cache
-from typing import TYPE_CHECKING, Final, Protocol, runtime_checkable
+from collections.abc import Callable, Sequence
+from typing import Any, Final, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
-from guided_gym.search.search import NO_NODE, Expansion, Search
+from guided_gym.checks import integer, number
+from guided_gym.errors import InvalidInputError
+from guided_gym.guidance.base import GuidingSpace
+from guided_gym.search.search import Expansion, Search
 
-if TYPE_CHECKING:
-    from guided_gym.guidance.base import GuidingSpace
+Weights = NDArray[np.float64]
 
 
 class Rule(Protocol):
-    """Which of several guiding spaces guides the next sample."""
+    """Weights over guiding spaces, sample by sample: P = sum of w_i P_i.
 
-    def reset(self, count: int) -> int:
-        """Start over with that many guiding spaces; returns the first to guide."""
-
-    def next(self, current: int, expansion: Expansion) -> int:
-        """The guiding space that guides after this expansion."""
-
-
-@runtime_checkable
-class Watching(Protocol):
-    """A rule that looks at more than the last expansion: at the guiding spaces, and at the search."""
-
-    def watch(self, guides: Sequence[GuidingSpace], search: Search) -> None:
-        """Take hold of a new search and of its guiding spaces, all prepared; called before `Rule.reset`."""
-
-
-class SwapAtCollision:
-    """The paper's rule: swap the source of the guidance each time the search collides with an obstacle."""
-
-    def reset(self, count: int) -> int:
-        """Start with the first."""
-        self._count = count
-        return 0
-
-    def next(self, current: int, expansion: Expansion) -> int:
-        """The next one in turn if the expansion failed, else the same."""
-        return (current + 1) % self._count if expansion.failed else current
-
-
-class GuideColumn(IntEnum):
-    """What is seen of a guiding space. Its "favourite" is the node of least h, its choice if undisturbed."""
-
-    CURRENT = 0  # 1 for the one that guided last
-    LAST_FAILED = 1  # whether its last expansion failed
-    FAILURES = 2  # share of its expansions that failed, the last ones weighing most
-    WAITING = 3  # samples since it last guided, log(1 + n) / log(101), at most 1
-    USE = 4  # share of all samples that it guided
-    REMAINING = 5  # least h of the tree, by that of the root at first, at most 2
-    TREND = 6  # by how much that fell lately (h of the root = 1, times 4), -1 to 1
-    TRIES = 7  # expansions of its favourite so far, log(1 + n) / log(101), at most 1
-    NODE_FAILURES = 8  # failed ones among them, likewise
-    CLEARANCE = 9  # of the robot at its favourite, in steps of the local planner, halved, at most 1
-    DISTANCE = 10  # from its favourite to the goal, by that from the root, halved, at most 1
-    AGREES = 11  # 1 if its favourite is also that of the one that guided last
-    AGE = 12  # how long ago its favourite joined the tree, as a share of the nodes
-
-
-class SearchColumn(IntEnum):
-    """What is seen of the search; these come first."""
-
-    SAMPLES = 0  # samples so far, log(1 + n) / log(1001), at most 1: it tells what is left, too
-    GROWTH = 1  # nodes per sample
-    FAILED = 2  # whether the last expansion failed
-    STREAK = 3  # failures in a row, log(1 + n) / log(101), at most 1
-    NEAREST = 4  # distance of the nearest node to the goal, by that of the root, at most 1
-
-
-COLUMN_NAMES: Final = tuple(f"search.{c.name.lower()}" for c in SearchColumn) + tuple(
-    f"guide.{c.name.lower()}" for c in GuideColumn
-)
-_MEMORY: Final = 0.8  # of the failures: what counts is about the last five
-_LAG: Final = 0.9  # of the trend: about the last ten
-
-
-def observed_size(guides: int) -> int:
-    """Length of the vector that is seen of so many guiding spaces."""
-    return len(SearchColumn) + guides * len(GuideColumn)
-
-
-@cache
-def bounds(guides: int) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
-    """Least and largest value of each number."""
-    low, high = np.zeros(len(GuideColumn), np.float32), np.ones(len(GuideColumn), np.float32)
-    low[GuideColumn.TREND] = -1.0
-    high[GuideColumn.REMAINING] = 2.0
-    search = np.zeros(len(SearchColumn), np.float32)
-    return np.concatenate([search, np.tile(low, guides)]), np.concatenate([search + 1, np.tile(high, guides)])
-
-
-class Turns:
-    """The record of guiding spaces that take turns in one search.
-
-    Args:
-        guides: The guiding spaces, prepared for the search.
-        search: The search.
+    A rule with an attribute ``joint`` that is true weighs their values instead: P is the product of the
+    P_i ** w_i, and h = sum of w_i h_i.
     """
 
-    def __init__(self, guides: Sequence[GuidingSpace], search: Search) -> None:
-        self._guides, self._search = guides, search
-        k = len(guides)
-        self._current = 0
-        self._last_failed, self._failures = np.zeros(k), np.zeros(k)
-        self._waiting, self._uses = np.zeros(k), np.zeros(k)
-        self._scale = np.ones(k)
-        self._lagging = np.full(k, np.nan)
-        self._streak = 0
-        self._far = max(float(search.space.distance(search.start, search.goal)), 1e-9)
-        self._nearest = 1.0
+    def begin(self, guides: Sequence[GuidingSpace], search: Search) -> None:
+        """Take hold of a new search and of its guiding spaces, all prepared."""
 
-    def note(self, guide: int, expansion: Expansion) -> None:
-        """Take down what became of a sample that ``guide`` guided."""
-        failed = float(expansion.failed)
-        self._current = guide
-        self._last_failed[guide] = failed
-        self._failures[guide] += (1 - _MEMORY) * (failed - self._failures[guide])
-        self._waiting += 1
-        self._waiting[guide] = 0
-        self._uses[guide] += 1
-        self._streak = self._streak + 1 if expansion.failed else 0
-        if expansion.child != NO_NODE:
-            child = self._search.tree.nodes.configurations[expansion.child]
-            gap = float(self._search.space.distance(child, self._search.goal)) / self._far
-            self._nearest = min(self._nearest, gap)
+    def weights(self) -> Weights:
+        """(k,) weights >= 0 of the guiding spaces for the next sample, not all 0; asked once a sample."""
 
-    def observe(self) -> NDArray[np.float32]:
-        """(5 + 13 k,) the numbers, `SearchColumn` first, then `GuideColumn` of each; once a sample."""
-        search, tree, samples = self._search, self._search.tree, self._search.samples
-        favourites, h = zip(*(self._favourite(i) for i in range(len(self._guides))), strict=True)
-        table = np.zeros((len(self._guides), len(GuideColumn)))
-        table[self._current, GuideColumn.CURRENT] = 1.0 if samples else 0.0
-        table[:, GuideColumn.LAST_FAILED] = self._last_failed
-        table[:, GuideColumn.FAILURES] = self._failures
-        table[:, GuideColumn.WAITING] = _logarithm(self._waiting)
-        table[:, GuideColumn.USE] = self._uses / max(samples, 1)
-        table[:, GuideColumn.REMAINING] = h
-        table[:, GuideColumn.TREND] = self._trend(np.array(h))
-        nodes = np.array(favourites)
-        failures = tree.nodes.failures[nodes]
-        table[:, GuideColumn.TRIES] = _logarithm(failures + tree.nodes.children[nodes])
-        table[:, GuideColumn.NODE_FAILURES] = _logarithm(failures)
-        q = tree.nodes.configurations[nodes]
-        table[:, GuideColumn.CLEARANCE] = search.space.clearance(q) / search.planner.step / 2
-        table[:, GuideColumn.DISTANCE] = search.space.distance(q, search.goal) / self._far / 2
-        table[:, GuideColumn.AGREES] = nodes == nodes[self._current]
-        table[:, GuideColumn.AGE] = 1 - nodes / max(len(tree) - 1, 1)
-        first = [
-            math.log1p(samples) / math.log(1001),
-            (len(tree) - 1) / max(samples, 1),
-            float(self._streak > 0),
-            math.log1p(self._streak) / math.log(101),
-            self._nearest,
-        ]
-        low, high = bounds(len(self._guides))
-        return np.concatenate([first, table.ravel()]).astype(np.float32).clip(low, high)
-
-    def _favourite(self, guide: int) -> tuple[int, float]:
-        """The node of least h, and that h by the root's at first."""
-        values = self._guides[guide].values(self._search.tree)
-        node = int(np.argmin(values))
-        h = float(values[node])
-        if np.isnan(self._lagging[guide]) and np.isfinite(h) and h > 0:
-            self._scale[guide] = h
-        return node, min(h / float(self._scale[guide]), 2.0)
-
-    def _trend(self, h: NDArray[np.float64]) -> NDArray[np.float64]:
-        self._lagging = np.where(np.isnan(self._lagging), h, self._lagging)
-        trend = 4 * (self._lagging - h)
-        self._lagging = _LAG * self._lagging + (1 - _LAG) * h
-        return trend
+    def learn(self, guide: int, expansion: Expansion) -> None:
+        """Take note of what became of a sample that ``guide`` guided."""
 
 
-def _logarithm(counts: NDArray[np.float64] | NDArray[np.int32]) -> NDArray[np.float64]:
-    out: NDArray[np.float64] = np.log1p(counts) / math.log(101)
-    return out
+class Taking:
+    """A rule by which the guiding spaces take turns: one of them guides each sample. A subclass says who."""
+
+    joint = False
+
+    def begin(self, guides: Sequence[GuidingSpace], search: Search) -> None:
+        """Start over with the first."""
+        self.guides, self.search = guides, search
+        self.turn = 0
+
+    def weights(self) -> Weights:
+        """All weight on the one whose turn it is."""
+        out = np.zeros(len(self.guides))
+        out[self.turn] = 1.0
+        return out
+
+    def learn(self, guide: int, expansion: Expansion) -> None:
+        """Nothing."""
+
+    def pass_on(self) -> None:
+        """The next one in turn."""
+        self.turn = (self.turn + 1) % len(self.guides)
+
+
+class Swap(Taking):
+    """The paper's rule: swap the source of the guidance each time the search collides with an obstacle.
+
+    A guiding space that never collides never hands over, unless there is a patience.
+
+    Args:
+        patience: Samples in a row without a collision after which it hands over all the same; 0 for never.
+    """
+
+    def __init__(self, patience: int = 0) -> None:
+        self.patience = integer("patience", patience, least=0)
+
+    def begin(self, guides: Sequence[GuidingSpace], search: Search) -> None:
+        """Start over with the first."""
+        super().begin(guides, search)
+        self._free = 0
+
+    def learn(self, guide: int, expansion: Expansion) -> None:
+        """Pass on after a collision, or when patience is lost."""
+        self._free = 0 if expansion.failed else self._free + 1
+        if expansion.failed or (self.patience and self._free >= self.patience):
+            self._free = 0
+            self.pass_on()
+
+
+class RoundRobin(Taking):
+    """Each guides one sample, in turn."""
+
+    def learn(self, guide: int, expansion: Expansion) -> None:
+        """Pass on."""
+        self.pass_on()
+
+
+class Minimum(Taking):
+    """The guiding space that sees the shortest way guides: the least h over guides and nodes."""
+
+    def weights(self) -> Weights:
+        """All weight on the one with the least value of a node."""
+        self.turn = int(np.argmin([guide.values(self.search.tree).min() for guide in self.guides]))
+        return super().weights()
+
+
+class MultiHeuristic(Taking):
+    """Shared multi-heuristic A* (Aine et al., 2016): the first guide is the anchor, the others take turns.
+
+    Args:
+        factor: One of the others guides while the least h that it sees is at most so many times the anchor's;
+            else the anchor does.
+    """
+
+    def __init__(self, factor: float = 2.0) -> None:
+        self.factor = number("factor", factor, least=1)
+
+    def begin(self, guides: Sequence[GuidingSpace], search: Search) -> None:
+        """Start over."""
+        super().begin(guides, search)
+        self._tried = 0
+
+    def weights(self) -> Weights:
+        """All weight on the next inadmissible queue if its least key is in bounds, else on the anchor."""
+        if len(self.guides) > 1:
+            self._tried = self._tried % (len(self.guides) - 1) + 1
+            least = [float(self.guides[i].values(self.search.tree).min()) for i in (0, self._tried)]
+            self.turn = self._tried if least[1] <= self.factor * least[0] else 0
+        return super().weights()
+
+
+class Bandit(Taking):
+    """The guiding space that has made progress of late guides: discounted UCB (Garivier and Moulines, 2011).
+
+    A sample is worth 1 if its expansion succeeded and brought the least h of who guided it down, else 0.
+
+    Args:
+        discount: Weight of a sample against the one after it.
+        exploration: How much not having guided for long counts.
+    """
+
+    def __init__(self, discount: float = 0.95, exploration: float = 0.3) -> None:
+        self.discount = number("discount", discount, above=0, below=1)
+        self.exploration = number("exploration", exploration, least=0)
+
+    def begin(self, guides: Sequence[GuidingSpace], search: Search) -> None:
+        """Nothing is known."""
+        super().begin(guides, search)
+        self._tries, self._worth = np.zeros(len(guides)), np.zeros(len(guides))
+        self._least = [math.inf] * len(guides)
+
+    def weights(self) -> Weights:
+        """All weight on the one with the best upper bound; those never tried come first."""
+        with np.errstate(divide="ignore", invalid="ignore"):
+            spread = np.sqrt(np.log(max(float(self._tries.sum()), 1.0)) / self._tries)
+            bounds = self._worth / self._tries + self.exploration * spread
+        self.turn = int(np.argmax(np.where(self._tries > 0, bounds, np.inf)))
+        return super().weights()
+
+    def learn(self, guide: int, expansion: Expansion) -> None:
+        """Take down what the sample was worth."""
+        self._tries *= self.discount
+        self._worth *= self.discount
+        self._tries[guide] += 1.0
+        least = float(self.guides[guide].values(self.search.tree).min())
+        self._worth[guide] += float(not expansion.failed and least < self._least[guide])
+        self._least[guide] = min(least, self._least[guide])
+
+
+class Mixture:
+    """P is the mixture of all P_i: each guides a sample with the probability of its weight.
+
+    Args:
+        weights: Of the guides, in order; equal if none are given.
+    """
+
+    joint = False
+
+    def __init__(self, *weights: float) -> None:
+        self._given = weights
+
+    def begin(self, guides: Sequence[GuidingSpace], search: Search) -> None:
+        """Take note of how many there are.
+
+        Raises:
+            InvalidInputError: Another number of weights.
+        """
+        if self._given and len(self._given) != len(guides):
+            raise InvalidInputError(
+                f"rule: expected {len(guides)} weights, one for each guide, got {len(self._given)}"
+            )
+        self._weights = np.array(self._given or (1.0 / len(guides),) * len(guides))
+
+    def weights(self) -> Weights:
+        """The same for every sample."""
+        return self._weights
+
+    def learn(self, guide: int, expansion: Expansion) -> None:
+        """Nothing."""
+
+
+class Product(Mixture):
+    """P is the product of all P_i: h is the sum of their h, so a node has to look good to all."""
+
+    joint = True
+
+
+# One row per rule: the words of ``rule=...``.
+RULES: Final[dict[str, Callable[..., Any]]] = {
+    "swap": Swap,
+    "round_robin": RoundRobin,
+    "minimum": Minimum,
+    "product": Product,
+    "mixture": Mixture,
+    "multi_heuristic": MultiHeuristic,
+    "bandit": Bandit,
+}

@@ -10,8 +10,8 @@ from gymnasium.utils.env_checker import check_env
 from guided_gym import GuideSelectionEnv, guided_search, make_distribution
 from guided_gym.errors import InvalidInputError, UnknownNameError
 from guided_gym.guidance.hybrid import Hybrid
+from guided_gym.guidance.learned.turns import COLUMN_NAMES, GuideColumn, SearchColumn, observed_size
 from guided_gym.guidance.registry import make_guides
-from guided_gym.guidance.rules import COLUMN_NAMES, GuideColumn, SearchColumn, observed_size
 from guided_gym.registration import SELECTIONS
 
 IDS = list(SELECTIONS)
@@ -20,13 +20,14 @@ IDS = list(SELECTIONS)
 class Alternate:
     """0, 0, 1, 0, 0, 1, ... whatever comes."""
 
-    def reset(self, count):
+    def begin(self, guides, search):
         self.samples = 0
-        return 0
 
-    def next(self, current, expansion):
+    def weights(self):
+        return np.eye(2)[int(self.samples % 3 == 2)]
+
+    def learn(self, guide, expansion):
         self.samples += 1
-        return int(self.samples % 3 == 2)
 
 
 def play(env, actions, seed=0):

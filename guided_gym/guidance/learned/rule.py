@@ -19,7 +19,7 @@ from guided_gym.errors import InvalidInputError, StorageError
 from guided_gym.guidance.base import draw
 from guided_gym.guidance.hybrid import Hybrid
 from guided_gym.guidance.learned import weights
-from guided_gym.guidance.rules import COLUMN_NAMES, Turns, observed_size
+from guided_gym.guidance.learned.turns import COLUMN_NAMES, Turns, observed_size
 
 if TYPE_CHECKING:
     from guided_gym.guidance.base import GuidingSpace
@@ -122,7 +122,9 @@ class LearnedRule:
         """Names of the guiding spaces that it was trained to choose from, in order."""
         return self.model.guides
 
-    def watch(self, guides: Sequence[GuidingSpace], search: Search) -> None:
+    joint = False
+
+    def begin(self, guides: Sequence[GuidingSpace], search: Search) -> None:
         """Take hold of a new search.
 
         Raises:
@@ -135,20 +137,20 @@ class LearnedRule:
             )
         self._turns, self._rng = Turns(guides, search), search.guidance_rng
 
-    def reset(self, count: int) -> int:
-        """The first to guide."""
-        return self._decide()
-
-    def next(self, current: int, expansion: Expansion) -> int:
-        """Who guides after this expansion."""
-        self._turns.note(current, expansion)
-        return self._decide()
-
-    def _decide(self) -> int:
+    def weights(self) -> NDArray[np.float64]:
+        """All weight on the guide of the largest logit, or on one drawn as the training did."""
         logits = self.model.logits(self._turns.observe())
+        out = np.zeros(len(logits))
         if self.temperature == 0:
-            return int(np.argmax(logits))
-        return draw(np.exp((logits - logits.max()).astype(np.float64) / self.temperature), self._rng)
+            out[int(np.argmax(logits))] = 1.0
+        else:
+            p = np.exp((logits - logits.max()).astype(np.float64) / self.temperature)
+            out[draw(p, self._rng)] = 1.0
+        return out
+
+    def learn(self, guide: int, expansion: Expansion) -> None:
+        """Take down what became of a sample."""
+        self._turns.note(guide, expansion)
 
 
 def hybrid_class(

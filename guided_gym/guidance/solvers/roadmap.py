@@ -42,8 +42,8 @@ class Roadmap(GraphCostToGo):
     Vertices are valid in E' and edges are free motions: the preprocessing is what a search over many tasks in
     one C shares. Where E' has no obstacles nothing is checked, and the roadmap depends on the bounds and the
     metric alone: it is drawn once for each kind of space, as one of `_NETS`, and serves every search there.
-    Where nothing leads to the goal any more, a lazy one gives way to one with half as many vertices again, and
-    what was taught holds within half the reach.
+    Where nothing leads to the goal any more, a lazy one gives way to one with half as many vertices again,
+    and what was taught holds within half the reach.
 
     Args:
         vertices: Number of samples.

@@ -15,8 +15,9 @@ from guided_gym.guidance.hybrid import Hybrid
 from guided_gym.guidance.learned import weights
 from guided_gym.guidance.learned.agent import fingerprint
 from guided_gym.guidance.learned.rule import LearnedRule, RuleModel, rule_shapes, save_rule
+from guided_gym.guidance.learned.turns import COLUMN_NAMES, GuideColumn, SearchColumn, observed_size
 from guided_gym.guidance.registry import make_guidance, make_guides
-from guided_gym.guidance.rules import COLUMN_NAMES, GuideColumn, SearchColumn, SwapAtCollision, observed_size
+from guided_gym.guidance.rules import Swap
 
 GUIDES = ["lazy_prm", "medial_axis"]
 CARD = {
@@ -99,7 +100,7 @@ def test_other_guides_are_refused(tmp_path):
     problem = make_distribution("RandomTrapCup").problem(1)
     with pytest.raises(InvalidInputError, match="lazy_prm, medial_axis"):
         guided_search(problem, Hybrid(make_guides(["medial_axis", "lazy_prm"]), rule=rule), max_samples=3)
-    guided_search(problem, Hybrid(make_guides(GUIDES), rule=SwapAtCollision()), max_samples=3)
+    guided_search(problem, Hybrid(make_guides(GUIDES), rule=Swap()), max_samples=3)
 
 
 @pytest.mark.parametrize("change", [{"guides": [*GUIDES, "rrt"]}, {"hidden": [3]}, {"columns": ["x"]}])

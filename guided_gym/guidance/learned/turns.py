@@ -1,0 +1,156 @@
+"""What can be seen of guiding spaces that take turns: the numbers by which a learned rule chooses among them.
+
+The environment ``GuideSelection`` observes these, and a learned rule of `Hybrid` decides by them, so that
+what was trained in the one runs in the other. Nothing of the oracle is among them.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from enum import IntEnum
+from functools import cache
+from typing import Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from guided_gym.guidance.base import GuidingSpace
+from guided_gym.search.search import NO_NODE, Expansion, Search
+
+
+class GuideColumn(IntEnum):
+    """What is seen of a guiding space. Its "favourite" is the node of least h, its choice if undisturbed."""
+
+    CURRENT = 0  # 1 for the one that guided last
+    LAST_FAILED = 1  # whether its last expansion failed
+    FAILURES = 2  # share of its expansions that failed, the last ones weighing most
+    WAITING = 3  # samples since it last guided, log(1 + n) / log(101), at most 1
+    USE = 4  # share of all samples that it guided
+    REMAINING = 5  # least h of the tree, by that of the root at first, at most 2
+    TREND = 6  # by how much that fell lately (h of the root = 1, times 4), -1 to 1
+    TRIES = 7  # expansions of its favourite so far, log(1 + n) / log(101), at most 1
+    NODE_FAILURES = 8  # failed ones among them, likewise
+    CLEARANCE = 9  # of the robot at its favourite, in steps of the local planner, halved, at most 1
+    DISTANCE = 10  # from its favourite to the goal, by that from the root, halved, at most 1
+    AGREES = 11  # 1 if its favourite is also that of the one that guided last
+    AGE = 12  # how long ago its favourite joined the tree, as a share of the nodes
+
+
+class SearchColumn(IntEnum):
+    """What is seen of the search; these come first."""
+
+    SAMPLES = 0  # samples so far, log(1 + n) / log(1001), at most 1: it tells what is left, too
+    GROWTH = 1  # nodes per sample
+    FAILED = 2  # whether the last expansion failed
+    STREAK = 3  # failures in a row, log(1 + n) / log(101), at most 1
+    NEAREST = 4  # distance of the nearest node to the goal, by that of the root, at most 1
+
+
+COLUMN_NAMES: Final = tuple(f"search.{c.name.lower()}" for c in SearchColumn) + tuple(
+    f"guide.{c.name.lower()}" for c in GuideColumn
+)
+_MEMORY: Final = 0.8  # of the failures: what counts is about the last five
+_LAG: Final = 0.9  # of the trend: about the last ten
+
+
+def observed_size(guides: int) -> int:
+    """Length of the vector that is seen of so many guiding spaces."""
+    return len(SearchColumn) + guides * len(GuideColumn)
+
+
+@cache
+def bounds(guides: int) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
+    """Least and largest value of each number."""
+    low, high = np.zeros(len(GuideColumn), np.float32), np.ones(len(GuideColumn), np.float32)
+    low[GuideColumn.TREND] = -1.0
+    high[GuideColumn.REMAINING] = 2.0
+    search = np.zeros(len(SearchColumn), np.float32)
+    return np.concatenate([search, np.tile(low, guides)]), np.concatenate([search + 1, np.tile(high, guides)])
+
+
+class Turns:
+    """The record of guiding spaces that take turns in one search.
+
+    Args:
+        guides: The guiding spaces, prepared for the search.
+        search: The search.
+    """
+
+    def __init__(self, guides: Sequence[GuidingSpace], search: Search) -> None:
+        self._guides, self._search = guides, search
+        k = len(guides)
+        self._current = 0
+        self._last_failed, self._failures = np.zeros(k), np.zeros(k)
+        self._waiting, self._uses = np.zeros(k), np.zeros(k)
+        self._scale = np.ones(k)
+        self._lagging = np.full(k, np.nan)
+        self._streak = 0
+        self._far = max(float(search.space.distance(search.start, search.goal)), 1e-9)
+        self._nearest = 1.0
+
+    def note(self, guide: int, expansion: Expansion) -> None:
+        """Take down what became of a sample that ``guide`` guided."""
+        failed = float(expansion.failed)
+        self._current = guide
+        self._last_failed[guide] = failed
+        self._failures[guide] += (1 - _MEMORY) * (failed - self._failures[guide])
+        self._waiting += 1
+        self._waiting[guide] = 0
+        self._uses[guide] += 1
+        self._streak = self._streak + 1 if expansion.failed else 0
+        if expansion.child != NO_NODE:
+            child = self._search.tree.nodes.configurations[expansion.child]
+            gap = float(self._search.space.distance(child, self._search.goal)) / self._far
+            self._nearest = min(self._nearest, gap)
+
+    def observe(self) -> NDArray[np.float32]:
+        """(5 + 13 k,) the numbers, `SearchColumn` first, then `GuideColumn` of each; once a sample."""
+        search, tree, samples = self._search, self._search.tree, self._search.samples
+        favourites, h = zip(*(self._favourite(i) for i in range(len(self._guides))), strict=True)
+        table = np.zeros((len(self._guides), len(GuideColumn)))
+        table[self._current, GuideColumn.CURRENT] = 1.0 if samples else 0.0
+        table[:, GuideColumn.LAST_FAILED] = self._last_failed
+        table[:, GuideColumn.FAILURES] = self._failures
+        table[:, GuideColumn.WAITING] = _logarithm(self._waiting)
+        table[:, GuideColumn.USE] = self._uses / max(samples, 1)
+        table[:, GuideColumn.REMAINING] = h
+        table[:, GuideColumn.TREND] = self._trend(np.array(h))
+        nodes = np.array(favourites)
+        failures = tree.nodes.failures[nodes]
+        table[:, GuideColumn.TRIES] = _logarithm(failures + tree.nodes.children[nodes])
+        table[:, GuideColumn.NODE_FAILURES] = _logarithm(failures)
+        q = tree.nodes.configurations[nodes]
+        table[:, GuideColumn.CLEARANCE] = search.space.clearance(q) / search.planner.step / 2
+        table[:, GuideColumn.DISTANCE] = search.space.distance(q, search.goal) / self._far / 2
+        table[:, GuideColumn.AGREES] = nodes == nodes[self._current]
+        table[:, GuideColumn.AGE] = 1 - nodes / max(len(tree) - 1, 1)
+        first = [
+            math.log1p(samples) / math.log(1001),
+            (len(tree) - 1) / max(samples, 1),
+            float(self._streak > 0),
+            math.log1p(self._streak) / math.log(101),
+            self._nearest,
+        ]
+        low, high = bounds(len(self._guides))
+        return np.concatenate([first, table.ravel()]).astype(np.float32).clip(low, high)
+
+    def _favourite(self, guide: int) -> tuple[int, float]:
+        """The node of least h, and that h by the root's at first."""
+        values = self._guides[guide].values(self._search.tree)
+        node = int(np.argmin(values))
+        h = float(values[node])
+        if np.isnan(self._lagging[guide]) and np.isfinite(h) and h > 0:
+            self._scale[guide] = h
+        return node, min(h / float(self._scale[guide]), 2.0)
+
+    def _trend(self, h: NDArray[np.float64]) -> NDArray[np.float64]:
+        self._lagging = np.where(np.isnan(self._lagging), h, self._lagging)
+        trend = 4 * (self._lagging - h)
+        self._lagging = _LAG * self._lagging + (1 - _LAG) * h
+        return trend
+
+
+def _logarithm(counts: NDArray[np.float64] | NDArray[np.int32]) -> NDArray[np.float64]:
+    out: NDArray[np.float64] = np.log1p(counts) / math.log(101)
+    return out
