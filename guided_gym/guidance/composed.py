@@ -48,7 +48,7 @@ class Lesson:
             raise InvalidInputError(f"factor: expected a number, at least 1, got {self.factor!r}")
 
 
-FORBID = Lesson(check=1.5)
+FORBID = Lesson(reach=0.2, check=2.5)
 """For C' = C without some obstacles: a failure refutes what passes near it, and has more looked at."""
 AVOID = Lesson(reach=0.5, factor=3.0)
 """For another robot: a failure says nothing certain of its states, but makes the ways there less likely."""

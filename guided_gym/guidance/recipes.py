@@ -82,6 +82,8 @@ RECIPES: Final[dict[str, Callable[..., GuidingSpace]]] = {
     "prm": recipe(
         Roadmap,
         "A probabilistic roadmap in C, validated before the search; failures teach it nothing.",
+        vertices=2000,
+        anchors=8,
         factor=1.0,
     ),
     "lazy_prm": recipe(
@@ -95,7 +97,7 @@ RECIPES: Final[dict[str, Callable[..., GuidingSpace]]] = {
         robot=Point,
         node=True,
         reach=0.0,
-        factor=1.1,
+        factor=1.2,
         expansion_penalty=1.0,
     ),
     "path_database": recipe(

@@ -11,7 +11,8 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from guided_gym.kernels.metric import Metric, segment_separation, separation
+from guided_gym.kernels.metric import Metric, placed, segment_separation, separation, shortest
+from guided_gym.kernels.nearest import State, k_nearest
 
 Floats = NDArray[np.float64]
 Int32s = NDArray[np.int32]
@@ -115,58 +116,102 @@ def charge_anchors(
 
 
 @njit(cache=True)
-def values_among(
+def candidate_values(
     q: Floats,
-    some: Ints,
+    index: State,
     points: Floats,
     distance: Floats,
     k: int,
+    around: int,
     taught: Taught,
     metric: Metric,
 ) -> Floats:
-    """Heuristic of configurations that lie close together, anchored to the nearest k of ``some`` vertices.
+    """Heuristic of configurations that lie close together: they share the search for their vertices.
 
     Args:
         q: (n, d) configurations.
-        some: (m,) int64 roadmap vertices around them.
+        index: Nearest-neighbour index over the vertices but the last, which is the goal.
         points: (v, d) roadmap vertices.
         distance: (v,) length of the shortest path from each vertex to the goal.
         k: Anchors a configuration.
+        around: Vertices around all of them from which each takes its own.
         taught: Where ways were made costlier, as in `charge_anchors`.
         metric: Weights and periods of the distance.
 
     Returns:
-        (n,) the least of length + distance; infinite where no anchor leads to the goal.
+        (n,) the least of length + distance, infinite where no anchor leads to the goal; nothing (0,) where
+        the configurations lie too far apart for so few vertices.
     """
-    out = np.full(q.shape[0], np.inf)
-    count = min(k, some.size)
-    spread, longest = 0.0, 0.0
-    for i in range(q.shape[0]):
-        spread = max(spread, separation(q[0], q[i], metric))
-    for v in some:
-        longest = max(longest, separation(q[0], points[v], metric))
-    around = _close(q[0], np.arange(taught[1].size), taught, 2.0 * spread + longest, metric)
-    for i in range(q.shape[0]):
-        lengths, ids, held = np.full(count, np.inf), np.zeros(count, np.int64), 0
+    n, goal = q.shape[0], points.shape[0] - 1
+    middle = np.zeros(q.shape[1])
+    for i in range(n):
+        for c in range(q.shape[1]):
+            middle[c] += shortest(q[i, c] - q[0, c], metric.periods[c]) / n
+    for c in range(q.shape[1]):
+        middle[c] = placed(q[0, c] + middle[c], metric.periods[c])
+    some, away = k_nearest(index, middle, around)
+    spread = 0.0
+    for i in range(n):
+        spread = max(spread, separation(middle, q[i], metric))
+    if some.size < around or spread > away[-1]:
+        return np.empty(0)
+    if separation(middle, points[goal], metric) <= away[-1]:
+        some = np.append(some, goal)
+    close = _close(middle, np.arange(taught[1].size), taught, 2.0 * spread + away[-1], metric)
+    out = np.full(n, np.inf)
+    lengths, ids = np.empty(k), np.empty(k, np.int64)
+    for i in range(n):
+        held = 0
         for v in some:
             length = separation(q[i], points[v], metric)
-            if held == count and length >= lengths[count - 1]:
+            if held == k and length >= lengths[k - 1]:
                 continue
-            slot = held if held < count else count - 1
+            slot = held if held < k else k - 1
             while slot > 0 and lengths[slot - 1] > length:
                 lengths[slot], ids[slot] = lengths[slot - 1], ids[slot - 1]
                 slot -= 1
             lengths[slot], ids[slot] = length, v
-            held = min(held + 1, count)
-        if held == 0:
-            continue
-        near = _close(q[i], around, taught, lengths[held - 1], metric)
+            held = min(held + 1, k)
+        near = _close(q[i], close, taught, lengths[held - 1], metric)
         for j in range(held):
             if lengths[j] + distance[ids[j]] < out[i]:
                 v = points[ids[j]]
                 length = _charged(lengths[j], q[i], v, near, taught, metric)
                 out[i] = min(out[i], length + distance[ids[j]])
     return out
+
+
+@njit(cache=True)
+def nearest_anchors(q: Floats, index: State, points: Floats, k: int, metric: Metric) -> tuple[Int32s, Floats]:
+    """(n, k) int32 the nearest vertices of each configuration, and (n, k) their distances.
+
+    Args:
+        q: (n, d) configurations.
+        index: Nearest-neighbour index over the vertices but the last, which is the goal.
+        points: (v, d) roadmap vertices.
+        k: Anchors a configuration, at most v - 1; the goal takes the place of the farthest if it is nearer.
+        metric: Weights and periods of the distance.
+    """
+    vertices, lengths = np.empty((q.shape[0], k), np.int32), np.empty((q.shape[0], k))
+    goal = points.shape[0] - 1
+    for i in range(q.shape[0]):
+        ids, away = k_nearest(index, q[i], k)
+        vertices[i], lengths[i] = ids.astype(np.int32), away
+        far = separation(q[i], points[goal], metric)
+        if far <= away[-1]:
+            vertices[i, k - 1], lengths[i, k - 1] = goal, far
+    return vertices, lengths
+
+
+@njit(cache=True)
+def segments_touched(tails: Floats, heads: Floats, q: Floats, reach: float, metric: Metric) -> Ints:
+    """Which of a few segments (m, d) to (m, d) pass within ``reach`` of a configuration."""
+    out, count = np.empty(tails.shape[0], np.int64), 0
+    for e in range(tails.shape[0]):
+        if segment_separation(tails[e], heads[e], q, metric) <= reach:
+            out[count] = e
+            count += 1
+    return out[:count]
 
 
 @njit(cache=True)

@@ -54,11 +54,20 @@ class Graph:
         self.multipliers = np.ones(len(graph.edges))
         self.tree = ShortestPathTree.of(graph, goal)
         self._changed: list[NDArray[np.integer[Any]]] = []
+        self._removed: list[NDArray[np.int32]] = []  # edges, not taken out of the tree yet
 
     @property
     def distance(self) -> Floats:
         """(v,) length of the shortest path from each vertex to the goal; infinite if there is none."""
+        self._settle()
         return self.tree.distance
+
+    def _settle(self) -> None:
+        """Repair the tree once for all edges removed since."""
+        if self._removed:
+            self.tree.remove_edges(np.concatenate(self._removed))
+            self._removed = []
+            self._changed.append(self.tree.changed.copy())
 
     def raise_edges(self, edges: NDArray[np.integer[Any]], factor: float) -> None:
         """Add ``factor - 1`` times its length to the weight of some edges; infinite removes them."""
@@ -67,12 +76,13 @@ class Graph:
             return
         if np.isinf(factor):
             self.multipliers[edges] = np.inf
-            self.tree.remove_edges(edges)
+            self._removed.append(np.asarray(edges, np.int32))
         else:
+            self._settle()
             self.multipliers[edges] += factor - 1.0
             self.tree.raise_weights(edges, self.lengths[edges] * self.multipliers[edges])
-            self._changed.append(self.edges[edges].ravel())  # anchors run along them
-        self._changed.append(self.tree.changed.copy())
+            # Anchors run along them, too.
+            self._changed += [self.edges[edges].ravel(), self.tree.changed.copy()]
 
     def remove_vertices(self, vertices: NDArray[np.int64]) -> None:
         """Remove some vertices with all their edges."""
@@ -81,6 +91,7 @@ class Graph:
 
     def take_changes(self) -> NDArray[np.int64]:
         """Vertices whose distance, or the weight of one of whose edges, has changed since the last call."""
+        self._settle()
         changes = np.concatenate(self._changed).astype(np.int64) if self._changed else np.zeros(0, np.int64)
         self._changed = []
         return changes
@@ -116,6 +127,7 @@ class GraphCostToGo(ABC):
         self._nodes: AnchoredStates | None = None
         self._h = np.zeros(256)
         self._segments: SegmentIndex | None = None
+        self._inspected = np.zeros(len(self.graph.points), np.bool_)
 
     @abstractmethod
     def build(self) -> Graph:
@@ -174,8 +186,9 @@ class GraphCostToGo(ABC):
     def inspect(self, state: Floats, reach: float, valid: Valid) -> None:
         """Remove the vertices within ``reach`` of a state that are not valid: a failure is the occasion."""
         near = self.vertices_near(state, reach)
-        near = near[np.isfinite(self.graph.distance[near])]
+        near = near[~self._inspected[near]]
         if near.size:
+            self._inspected[near] = True
             bad = near[~valid(self.graph.points[near])]
             if bad.size:
                 self.graph.remove_vertices(bad)

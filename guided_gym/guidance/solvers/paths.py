@@ -185,8 +185,9 @@ class StoredPaths(GraphCostToGo):
     def inspect(self, state: Floats, reach: float, valid: Valid) -> None:
         """Filter out the paths that have an invalid waypoint near a state."""
         near = self.vertices_near(state, reach)
-        near = near[np.isfinite(self.graph.distance[near])]
+        near = near[self._alive[self._path_of[near]] & ~self._inspected[near]]
         if near.size:
+            self._inspected[near] = True
             self._filter(near[~valid(self.graph.points[near])])
 
     def _filter(self, waypoints: Ints) -> None:

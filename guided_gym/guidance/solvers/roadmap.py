@@ -11,7 +11,7 @@ from guided_gym.checks import integer
 from guided_gym.geometry.space import ConfigurationSpace
 from guided_gym.guidance.solvers.base import Floats, Query
 from guided_gym.guidance.solvers.graph import Anchors, Graph, GraphCostToGo, Ints, Taught
-from guided_gym.kernels.anchors import values_among
+from guided_gym.kernels.anchors import candidate_values, nearest_anchors, segments_touched
 from guided_gym.kernels.metric import Metric
 from guided_gym.structures.nearest import GrowingIndex
 from guided_gym.structures.segments import SegmentIndex
@@ -22,9 +22,9 @@ from guided_gym.structures.shortest_paths import (
     with_vertex,
 )
 
-_NETS: Final = 16  # roadmaps of one kind that a search may get: drawn once, and used again
+_NETS: Final = 8  # roadmaps of one kind that a search may get: drawn once, and used again
 _FINER: Final = 6  # each has half as many vertices again: where no path exists, there must be a last one
-_AROUND: Final = 5  # times as many vertices around candidates as each of them has anchors
+_AROUND: Final = 8  # times as many vertices around candidates as each of them has anchors
 
 
 class _Net(NamedTuple):
@@ -32,7 +32,7 @@ class _Net(NamedTuple):
 
     points: Floats
     graph: RoadmapGraph
-    neighbours: GrowingIndex
+    nearest: GrowingIndex
     segments: SegmentIndex
 
 
@@ -51,7 +51,7 @@ class Roadmap(GraphCostToGo):
         anchors: Vertices that a state is joined to.
     """
 
-    def __init__(self, *, vertices: int = 2000, neighbours: int = 12, anchors: int = 8) -> None:
+    def __init__(self, *, vertices: int = 1000, neighbours: int = 12, anchors: int = 4) -> None:
         self.vertices = integer("vertices", vertices, least=1)
         self.neighbours = integer("neighbours", neighbours, least=1)
         self.anchors = integer("anchors", anchors, least=1)
@@ -69,7 +69,7 @@ class Roadmap(GraphCostToGo):
         count = int(self.vertices * 1.5**self._finer)
         kind = _Kind(space) if self._lazy else _Validated(space)
         self._net = _net(kind, count, self.neighbours, number)
-        ids, lengths = self._net.neighbours.k_nearest(goal, min(self.neighbours, len(self._net.points)))
+        ids, lengths = self._net.nearest.k_nearest(goal, min(self.neighbours, len(self._net.points)))
         if not self._lazy and ids.size:
             starts = np.repeat(goal[None], len(ids), axis=0)
             free = space.motions_free(starts, self._net.points[ids])
@@ -79,36 +79,31 @@ class Roadmap(GraphCostToGo):
         return Graph(points, with_vertex(self._net.graph, ids, lengths), len(points) - 1)
 
     def anchor(self, states: Floats) -> Anchors:
-        """Join each state to its nearest vertices, and to the goal where that is as near."""
-        count = min(self.anchors, len(self._net.points))
-        ids, lengths = self._net.neighbours.k_nearest_many(states, count)
-        vertices = ids.astype(np.int32)
-        goal, last = self.query.space.distance(states, self.query.goal), lengths[:, -1]
-        near = np.flatnonzero(goal <= last)
-        vertices[near, -1], lengths[near, -1] = self.graph.goal, goal[near]
+        """Join each state to its nearest vertices, or to the goal where that is nearer."""
+        points, count = self.graph.points, min(self.anchors, len(self.graph.points) - 1)
+        space = self.query.space
+        vertices, lengths = nearest_anchors(states, self._net.nearest.state, points, count, space.metric)
         anchors = Anchors(vertices, lengths, np.full(vertices.shape, -1, np.int32))
         if not self._lazy:
-            starts = np.repeat(states, vertices.shape[1], axis=0)
-            free = self.query.space.motions_free(starts, self.graph.points[vertices.ravel()])
+            starts = np.repeat(states, count, axis=0)
+            free = space.motions_free(starts, points[vertices.ravel()])
             self.looks += free.size
             anchors.lengths[~free.reshape(lengths.shape)] = np.inf
         return anchors
 
     def __call__(self, states: Floats) -> Floats:
         """(n, d') states to (n,) cost-to-go; candidates around a node share the search for vertices."""
-        count = _AROUND * self.anchors
-        if not self._lazy or len(states) > 4 * count or len(self._net.points) <= count:
-            return super().__call__(states)
-        some, lengths = self._net.neighbours.k_nearest(states[0], count)
-        space = self.query.space
-        if float(np.max(space.distance(states, states[0]))) > lengths[-1]:
-            return super().__call__(states)
-        if float(space.distance(states[0], self.query.goal)) <= lengths[-1]:
-            some = np.append(some, self.graph.goal)
-        return values_among(
-            np.ascontiguousarray(states), some, self.graph.points, self.graph.distance, self.anchors,
-            self.taught.arrays, space.metric,
-        )  # fmt: skip
+        states = np.ascontiguousarray(states)
+        around = _AROUND * self.anchors
+        if self._lazy and 1 < len(states) <= around < len(self.graph.points):
+            graph = self.graph
+            h = candidate_values(
+                states, self._net.nearest.state, graph.points, graph.distance, self.anchors, around,
+                self.taught.arrays, self.query.space.metric,
+            )  # fmt: skip
+            if h.size:
+                return np.asarray(h)
+        return super().__call__(states)
 
     def follow(self, states: Floats) -> Floats:
         """(n,) cost-to-go of the nodes; on a finer roadmap where none of them sees a way any more."""
@@ -124,20 +119,15 @@ class Roadmap(GraphCostToGo):
 
     def edges_near(self, state: Floats, reach: float) -> Ints:
         """Edges that pass within ``reach`` of a state; the goal's own come last."""
-        edges = self._net.segments.within(state, reach)
-        m = len(self._net.graph.lengths)
-        own = self._own_edges().within(state, reach) + m
-        return np.concatenate([edges, own])
-
-    def _own_edges(self) -> SegmentIndex:
-        if self._segments is None:
-            m = len(self._net.graph.lengths)
-            self._segments = SegmentIndex(self.graph.points, self.graph.edges[m:], self.query.space.metric)
-        return self._segments
+        edges, m = self._net.segments.within(state, reach), len(self._net.graph.lengths)
+        ends = self.graph.points[self.graph.edges[m:]]
+        tails, heads = np.ascontiguousarray(ends[:, 0]), np.ascontiguousarray(ends[:, 1])
+        own = segments_touched(tails, heads, state, reach, self.query.space.metric)
+        return np.concatenate([edges, own + m])
 
     def vertices_near(self, state: Floats, reach: float) -> Ints:
         """Vertices within ``reach`` of a state; the goal is none of them."""
-        return self._net.neighbours.within(state, reach)
+        return self._net.nearest.within(state, reach)
 
 
 class _Kind:
