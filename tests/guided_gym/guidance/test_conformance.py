@@ -441,7 +441,7 @@ def test_h__may_be_infinite_and_need_not_be_an_array(walled: Walled, h) -> None:
         ("medial_axis", {"factor": "fast"}),
         ("goal_distance", {"temperature": [1]}),
         ("hybrid", {"guides": 3}),
-        ("hybrid", {"rule": "swap"}),
+        ("hybrid", {"rule": 3}),
         ("path_database", {"database": 3}),
     ],
 )

@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 
 import numpy as np
 import pytest
 
 from guided_gym.errors import InvalidInputError, UnknownNameError
+from guided_gym.guidance.base import GuidingSpace
 from guided_gym.guidance.cells import Uninformed
 from guided_gym.guidance.composed import Composed
 from guided_gym.guidance.hybrid import Hybrid
@@ -117,12 +118,14 @@ def test_rule__is_an_option(walled: Walled) -> None:
     class InTurn:
         """The next one after every sample."""
 
-        def reset(self, count: int) -> int:
-            self.count = count
-            return count - 1
+        def begin(self, guides: Sequence[GuidingSpace], search: Search) -> None:
+            self.current = len(guides) - 1
 
-        def next(self, current: int, expansion: Expansion) -> int:
-            return (current + 1) % self.count
+        def weights(self) -> list[float]:
+            return [float(i == self.current) for i in range(2)]
+
+        def learn(self, current: int, expansion: Expansion) -> None:
+            self.current = (current + 1) % 2
 
     a, b = Listening(), Listening()
     hybrid = Hybrid([a, b], rule=InTurn())
