@@ -115,61 +115,6 @@ def charge_anchors(
 
 
 @njit(cache=True)
-def values_among(
-    q: Floats,
-    some: Ints,
-    points: Floats,
-    distance: Floats,
-    k: int,
-    taught: Taught,
-    metric: Metric,
-) -> Floats:
-    """Heuristic of configurations that lie close together, anchored to the nearest k of ``some`` vertices.
-
-    Args:
-        q: (n, d) configurations.
-        some: (m,) int64 roadmap vertices around them.
-        points: (v, d) roadmap vertices.
-        distance: (v,) length of the shortest path from each vertex to the goal.
-        k: Anchors a configuration.
-        taught: Where ways were made costlier, as in `charge_anchors`.
-        metric: Weights and periods of the distance.
-
-    Returns:
-        (n,) the least of length + distance; infinite where no anchor leads to the goal.
-    """
-    out = np.full(q.shape[0], np.inf)
-    count = min(k, some.size)
-    spread, longest = 0.0, 0.0
-    for i in range(q.shape[0]):
-        spread = max(spread, separation(q[0], q[i], metric))
-    for v in some:
-        longest = max(longest, separation(q[0], points[v], metric))
-    around = _close(q[0], np.arange(taught[1].size), taught, 2.0 * spread + longest, metric)
-    for i in range(q.shape[0]):
-        lengths, ids, held = np.full(count, np.inf), np.zeros(count, np.int64), 0
-        for v in some:
-            length = separation(q[i], points[v], metric)
-            if held == count and length >= lengths[count - 1]:
-                continue
-            slot = held if held < count else count - 1
-            while slot > 0 and lengths[slot - 1] > length:
-                lengths[slot], ids[slot] = lengths[slot - 1], ids[slot - 1]
-                slot -= 1
-            lengths[slot], ids[slot] = length, v
-            held = min(held + 1, count)
-        if held == 0:
-            continue
-        near = _close(q[i], around, taught, lengths[held - 1], metric)
-        for j in range(held):
-            if lengths[j] + distance[ids[j]] < out[i]:
-                v = points[ids[j]]
-                length = _charged(lengths[j], q[i], v, near, taught, metric)
-                out[i] = min(out[i], length + distance[ids[j]])
-    return out
-
-
-@njit(cache=True)
 def link_anchors(
     vertices: Int32s, first: int, last: int, head: Int32s, node_of: Int32s, following: Int32s, count: int
 ) -> int:
@@ -248,15 +193,3 @@ def nearest_segments(q: Floats, tails: Floats, heads: Floats) -> tuple[Int32s, F
                 segment[i], fraction[i], away[i] = e, t, d
         away[i] = np.sqrt(away[i])
     return segment, fraction, away
-
-
-@njit(cache=True)
-def segments_within(q: Floats, tails: Floats, heads: Floats, reach: float) -> Int32s:
-    """The plane segments, ascending, at most ``reach`` from a point; see `nearest_segments`."""
-    out = np.empty(tails.shape[0], np.int32)
-    count = 0
-    for e in range(tails.shape[0]):
-        if _segment_squared(q, tails, heads, e)[1] <= reach * reach:
-            out[count] = e
-            count += 1
-    return out[:count]

@@ -11,7 +11,6 @@ from guided_gym.checks import integer
 from guided_gym.geometry.space import ConfigurationSpace
 from guided_gym.guidance.solvers.base import Floats, Query
 from guided_gym.guidance.solvers.graph import Anchors, Graph, GraphCostToGo, Ints
-from guided_gym.kernels.anchors import values_among
 from guided_gym.kernels.metric import Metric
 from guided_gym.structures.nearest import GrowingIndex
 from guided_gym.structures.segments import SegmentIndex
@@ -24,7 +23,6 @@ from guided_gym.structures.shortest_paths import (
 
 _NETS: Final = 16  # roadmaps of one kind that a search may get: drawn once, and used again
 _FINER: Final = 6  # each has half as many vertices again: where no path exists, there must be a last one
-_AROUND: Final = 5  # times as many vertices around candidates as each of them has anchors
 
 
 class _Net(NamedTuple):
@@ -93,22 +91,6 @@ class Roadmap(GraphCostToGo):
             self.looks += free.size
             anchors.lengths[~free.reshape(lengths.shape)] = np.inf
         return anchors
-
-    def __call__(self, states: Floats) -> Floats:
-        """(n, d') states to (n,) cost-to-go; candidates around a node share the search for vertices."""
-        count = _AROUND * self.anchors
-        if not self._lazy or len(states) > 4 * count or len(self._net.points) <= count:
-            return super().__call__(states)
-        some, lengths = self._net.neighbours.k_nearest(states[0], count)
-        space = self.query.space
-        if float(np.max(space.distance(states, states[0]))) > lengths[-1]:
-            return super().__call__(states)
-        if float(space.distance(states[0], self.query.goal)) <= lengths[-1]:
-            some = np.append(some, self.graph.goal)
-        return values_among(
-            np.ascontiguousarray(states), some, self.graph.points, self.graph.distance, self.anchors,
-            self.taught.arrays, space.metric,
-        )  # fmt: skip
 
     def follow(self, states: Floats) -> Floats:
         """(n,) cost-to-go of the nodes; on a finer roadmap where none of them sees a way any more."""

@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from guided_gym.kernels.anchors import anchored_values_of, charge_anchors, nearest_segments, values_among
+from guided_gym.kernels.anchors import anchored_values_of, charge_anchors, nearest_segments
 from guided_gym.kernels.metric import Metric, segment_separation
 
 M = Metric(np.ones(2), np.zeros(2))
@@ -65,28 +65,6 @@ def test_charge_anchors__that_have_no_length() -> None:
         taught = np.array([[1.0, 1.1]]), np.array([reach]), np.array([np.inf])
         charge_anchors(q, np.arange(1), np.zeros((1, 1), np.int32), lengths, q, taught, M)
         assert lengths[0, 0] == expected
-
-
-@settings(max_examples=60, deadline=None)
-@given(st.integers(0, 2**32), st.integers(1, 7))
-def test_values_among__agree_with_brute_force(seed: int, k: int) -> None:
-    q, points, _, _, taught = some_anchors(seed)
-    rng = np.random.default_rng(seed)
-    distance = np.where(rng.random(6) < 0.2, np.inf, rng.uniform(0, 9, 6))
-    some = rng.permutation(6)[:5].astype(np.int64)
-    found = values_among(q, some, points, distance, k, taught, M)
-    for i in range(4):
-        away = np.hypot(*(points[some] - q[i]).T)
-        nearest = np.argsort(away)[:k]
-        costs = [away[j] * charge(q[i], points[some[j]], taught) + distance[some[j]] for j in nearest]
-        assert found[i] == pytest.approx(min(costs))
-
-
-def test_values_among__no_vertices_is_no_way() -> None:
-    none = np.zeros((0, 2)), np.zeros(0), np.zeros(0)
-    q, points = np.zeros((2, 2)), np.ones((1, 2))
-    assert values_among(q, np.zeros(0, np.int64), points, np.zeros(1), 8, none, M).tolist() == [np.inf] * 2
-    assert values_among(q, np.zeros(1, np.int64), points, np.zeros(1), 8, none, M) == pytest.approx(2**0.5)
 
 
 @settings(max_examples=60, deadline=None)
