@@ -13,8 +13,7 @@ from typing import Any, ClassVar
 import numpy as np
 from numpy.typing import NDArray
 
-from guided_gym.checks import number
-from guided_gym.errors import InvalidInputError
+from guided_gym.checks import flag, number
 from guided_gym.geometry.environment import Environment
 from guided_gym.guidance.base import GuidingSpace
 from guided_gym.guidance.modifications import SAME, UNCHANGED, EnvironmentModification, RobotModification
@@ -42,10 +41,11 @@ class Lesson:
     check: float = 0.0
 
     def __post_init__(self) -> None:
+        flag("node", self.node)
         number("reach", self.reach, least=0)
         number("check", self.check, least=0)
-        if not self.factor >= 1:
-            raise InvalidInputError(f"factor: expected a number, at least 1, got {self.factor!r}")
+        if self.factor != math.inf:
+            number("factor", self.factor, least=1)
 
 
 FORBID = Lesson(reach=0.2, check=2.5)

@@ -87,7 +87,7 @@ class Hybrid(GuidingSpace):
         return given
 
     def project(self, tree: SearchTree, q: Floats) -> tuple[int, Any]:  # type: ignore[override]
-        """P_T into the guiding space whose turn it is, or into all: (its index, its states), or (-1, list)."""
+        """P_T into the space whose turn it is, or into all: (its index, its states), or (-1, list)."""
         if self._joint:
             return -1, [guide.project(tree, q) for guide in self.guides]
         return self.current, self.guide.project(tree, q)

@@ -123,7 +123,7 @@ def guidance_maker(name: str) -> Maker:
     return GUIDANCES.maker(name)
 
 
-def make_guidance(guidance: GuidingSpace | Call | str, **options: Any) -> GuidingSpace:
+def make_guidance(guidance: GuidingSpace | Call | str, /, **options: Any) -> GuidingSpace:
     """A guiding space from its name.
 
     Args:

@@ -116,72 +116,6 @@ def charge_anchors(
 
 
 @njit(cache=True)
-def candidate_values(
-    q: Floats,
-    index: State,
-    points: Floats,
-    distance: Floats,
-    k: int,
-    around: int,
-    taught: Taught,
-    metric: Metric,
-) -> Floats:
-    """Heuristic of configurations that lie close together: they share the search for their vertices.
-
-    Args:
-        q: (n, d) configurations.
-        index: Nearest-neighbour index over the vertices but the last, which is the goal.
-        points: (v, d) roadmap vertices.
-        distance: (v,) length of the shortest path from each vertex to the goal.
-        k: Anchors a configuration.
-        around: Vertices around all of them from which each takes its own.
-        taught: Where ways were made costlier, as in `charge_anchors`.
-        metric: Weights and periods of the distance.
-
-    Returns:
-        (n,) the least of length + distance, infinite where no anchor leads to the goal; nothing (0,) where
-        the configurations lie too far apart for so few vertices.
-    """
-    n, goal = q.shape[0], points.shape[0] - 1
-    middle = np.zeros(q.shape[1])
-    for i in range(n):
-        for c in range(q.shape[1]):
-            middle[c] += shortest(q[i, c] - q[0, c], metric.periods[c]) / n
-    for c in range(q.shape[1]):
-        middle[c] = placed(q[0, c] + middle[c], metric.periods[c])
-    some, away = k_nearest(index, middle, around)
-    spread = 0.0
-    for i in range(n):
-        spread = max(spread, separation(middle, q[i], metric))
-    if some.size < around or spread > away[-1]:
-        return np.empty(0)
-    if separation(middle, points[goal], metric) <= away[-1]:
-        some = np.append(some, goal)
-    close = _close(middle, np.arange(taught[1].size), taught, 2.0 * spread + away[-1], metric)
-    out = np.full(n, np.inf)
-    lengths, ids = np.empty(k), np.empty(k, np.int64)
-    for i in range(n):
-        held = 0
-        for v in some:
-            length = separation(q[i], points[v], metric)
-            if held == k and length >= lengths[k - 1]:
-                continue
-            slot = held if held < k else k - 1
-            while slot > 0 and lengths[slot - 1] > length:
-                lengths[slot], ids[slot] = lengths[slot - 1], ids[slot - 1]
-                slot -= 1
-            lengths[slot], ids[slot] = length, v
-            held = min(held + 1, k)
-        near = _close(q[i], close, taught, lengths[held - 1], metric)
-        for j in range(held):
-            if lengths[j] + distance[ids[j]] < out[i]:
-                v = points[ids[j]]
-                length = _charged(lengths[j], q[i], v, near, taught, metric)
-                out[i] = min(out[i], length + distance[ids[j]])
-    return out
-
-
-@njit(cache=True)
 def nearest_anchors(q: Floats, index: State, points: Floats, k: int, metric: Metric) -> tuple[Int32s, Floats]:
     """(n, k) int32 the nearest vertices of each configuration, and (n, k) their distances.
 
@@ -201,6 +135,75 @@ def nearest_anchors(q: Floats, index: State, points: Floats, k: int, metric: Met
         if far <= away[-1]:
             vertices[i, k - 1], lengths[i, k - 1] = goal, far
     return vertices, lengths
+
+
+@njit(cache=True)
+def candidate_values(
+    q: Floats,
+    index: State,
+    points: Floats,
+    distance: Floats,
+    k: int,
+    around: int,
+    taught: Taught,
+    metric: Metric,
+) -> Floats:
+    """Heuristic of configurations; those that lie close together share the search for their vertices.
+
+    Args:
+        q: (n, d) configurations.
+        index: Nearest-neighbour index over the vertices but the last, which is the goal.
+        points: (v, d) roadmap vertices.
+        distance: (v,) length of the shortest path from each vertex to the goal.
+        k: Anchors a configuration.
+        around: Vertices around all of them from which each takes its own.
+        taught: Where ways were made costlier, as in `charge_anchors`.
+        metric: Weights and periods of the distance.
+
+    Returns:
+        (n,) the least of length + distance, infinite where no anchor leads to the goal.
+    """
+    n, goal = q.shape[0], points.shape[0] - 1
+    middle = np.zeros(q.shape[1])
+    for i in range(n):
+        for c in range(q.shape[1]):
+            middle[c] += shortest(q[i, c] - q[0, c], metric.periods[c]) / n
+    for c in range(q.shape[1]):
+        middle[c] = placed(q[0, c] + middle[c], metric.periods[c])
+    some, away = k_nearest(index, middle, around)
+    spread = 0.0
+    for i in range(n):
+        spread = max(spread, separation(middle, q[i], metric))
+    if separation(middle, points[goal], metric) <= away[-1]:
+        some = np.append(some, goal)
+    close = _close(middle, np.arange(taught[1].size), taught, 2.0 * spread + away[-1], metric)
+    every = np.arange(taught[1].size)
+    out = np.full(n, np.inf)
+    lengths, ids = np.empty(k), np.empty(k, np.int64)
+    for i in range(n):
+        held = 0
+        for v in some:
+            length = separation(q[i], points[v], metric)
+            if held == k and length >= lengths[k - 1]:
+                continue
+            slot = held if held < k else k - 1
+            while slot > 0 and lengths[slot - 1] > length:
+                lengths[slot], ids[slot] = lengths[slot - 1], ids[slot - 1]
+                slot -= 1
+            lengths[slot], ids[slot] = length, v
+            held = min(held + 1, k)
+        among = close
+        if lengths[k - 1] > away[-1] - separation(middle, q[i], metric):  # another vertex may be nearer
+            own, far = nearest_anchors(q[i : i + 1], index, points, k, metric)
+            ids[:], lengths[:] = own[0].astype(np.int64), far[0]
+            among = every
+        near = _close(q[i], among, taught, lengths[k - 1], metric)
+        for j in range(k):
+            if lengths[j] + distance[ids[j]] < out[i]:
+                v = points[ids[j]]
+                length = _charged(lengths[j], q[i], v, near, taught, metric)
+                out[i] = min(out[i], length + distance[ids[j]])
+    return out
 
 
 @njit(cache=True)
@@ -293,15 +296,3 @@ def nearest_segments(q: Floats, tails: Floats, heads: Floats) -> tuple[Int32s, F
                 segment[i], fraction[i], away[i] = e, t, d
         away[i] = np.sqrt(away[i])
     return segment, fraction, away
-
-
-@njit(cache=True)
-def segments_within(q: Floats, tails: Floats, heads: Floats, reach: float) -> Int32s:
-    """The plane segments, ascending, at most ``reach`` from a point; see `nearest_segments`."""
-    out = np.empty(tails.shape[0], np.int32)
-    count = 0
-    for e in range(tails.shape[0]):
-        if _segment_squared(q, tails, heads, e)[1] <= reach * reach:
-            out[count] = e
-            count += 1
-    return out[:count]

@@ -120,6 +120,7 @@ class GraphCostToGo(ABC):
         self.query, self.rng, self.step = query, rng, step
         self.looks = 0
         self.taught = Taught(query.space.dimension)
+        self._inspections: list[tuple[Floats, float, Valid]] = []
         self._restart()
 
     def _restart(self) -> None:
@@ -128,6 +129,16 @@ class GraphCostToGo(ABC):
         self._h = np.zeros(256)
         self._segments: SegmentIndex | None = None
         self._inspected = np.zeros(len(self.graph.points), np.bool_)
+
+    def _renew(self, share: float) -> None:
+        """Build another graph, and teach it within ``share`` of its reach what the last one was taught."""
+        lessons, inspections = self.taught, self._inspections
+        self.taught, self._inspections = Taught(self.query.space.dimension), []
+        self._restart()
+        for state, reach, factor in zip(*lessons.arrays, strict=True):
+            self.raise_near(state, share * reach, factor)
+        for state, reach, valid in inspections:
+            self.inspect(state, reach, valid)
 
     @abstractmethod
     def build(self) -> Graph:
@@ -165,7 +176,9 @@ class GraphCostToGo(ABC):
             first, fresh = len(nodes), np.ascontiguousarray(states[len(nodes) : n])
             nodes.append(fresh, self.joined(fresh))
             self._h[first:n] = self._values(nodes.anchors, np.arange(first, n))
-        return self._h[:n]
+        known = self._h[:n]
+        known.flags.writeable = False
+        return known
 
     def raise_near(self, state: Floats, reach: float, factor: float) -> None:
         """Lengthen, or remove, the edges and anchors that pass within ``reach`` of a state."""
@@ -185,13 +198,17 @@ class GraphCostToGo(ABC):
 
     def inspect(self, state: Floats, reach: float, valid: Valid) -> None:
         """Remove the vertices within ``reach`` of a state that are not valid: a failure is the occasion."""
+        self._inspections.append((state, reach, valid))
         near = self.vertices_near(state, reach)
         near = near[~self._inspected[near]]
         if near.size:
             self._inspected[near] = True
-            bad = near[~valid(self.graph.points[near])]
-            if bad.size:
-                self.graph.remove_vertices(bad)
+            self._discard(near[~valid(self.graph.points[near])])
+
+    def _discard(self, vertices: Ints) -> None:
+        """Take invalid vertices out of the graph."""
+        if vertices.size:
+            self.graph.remove_vertices(vertices)
 
     @abstractmethod
     def vertices_near(self, state: Floats, reach: float) -> NDArray[np.int64]:

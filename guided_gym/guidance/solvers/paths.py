@@ -10,8 +10,8 @@ import numpy as np
 
 from guided_gym.checks import integer, number
 from guided_gym.errors import InvalidInputError, UnknownNameError
-from guided_gym.guidance.solvers.base import Floats, Query, Valid
-from guided_gym.guidance.solvers.graph import Anchors, Graph, GraphCostToGo, Int32s, Ints, Taught
+from guided_gym.guidance.solvers.base import Floats, Query
+from guided_gym.guidance.solvers.graph import Anchors, Graph, GraphCostToGo, Int32s, Ints
 from guided_gym.kernels.waypoints import path_anchors
 from guided_gym.storage.path_file import DatabaseHeader, PathDatabase
 from guided_gym.storage.path_library import PathLibrary
@@ -168,10 +168,7 @@ class StoredPaths(GraphCostToGo):
     def follow(self, states: Floats) -> Floats:
         """(n,) cost-to-go of the nodes; queries further while all queried paths are filtered out."""
         while not self._alive.any() and self.queried < len(self.library):
-            earlier, self.taught = self.taught, Taught(states.shape[1])
-            self._restart()
-            for state, reach, factor in zip(*earlier.arrays, strict=True):
-                self.raise_near(state, reach, factor)
+            self._renew(1.0)
         return super().follow(states)
 
     def raise_near(self, state: Floats, reach: float, factor: float) -> None:
@@ -182,13 +179,9 @@ class StoredPaths(GraphCostToGo):
         else:
             self._filter(self._index.within(state, reach))
 
-    def inspect(self, state: Floats, reach: float, valid: Valid) -> None:
-        """Filter out the paths that have an invalid waypoint near a state."""
-        near = self.vertices_near(state, reach)
-        near = near[self._alive[self._path_of[near]] & ~self._inspected[near]]
-        if near.size:
-            self._inspected[near] = True
-            self._filter(near[~valid(self.graph.points[near])])
+    def _discard(self, vertices: Ints) -> None:
+        """Filter out the paths that have an invalid waypoint."""
+        self._filter(vertices)
 
     def _filter(self, waypoints: Ints) -> None:
         struck = np.unique(self._path_of[waypoints])

@@ -10,7 +10,7 @@ import numpy as np
 from guided_gym.checks import integer
 from guided_gym.geometry.space import ConfigurationSpace
 from guided_gym.guidance.solvers.base import Floats, Query
-from guided_gym.guidance.solvers.graph import Anchors, Graph, GraphCostToGo, Ints, Taught
+from guided_gym.guidance.solvers.graph import Anchors, Graph, GraphCostToGo, Ints
 from guided_gym.kernels.anchors import candidate_values, nearest_anchors, segments_touched
 from guided_gym.kernels.metric import Metric
 from guided_gym.structures.nearest import GrowingIndex
@@ -97,12 +97,11 @@ class Roadmap(GraphCostToGo):
         around = _AROUND * self.anchors
         if self._lazy and 1 < len(states) <= around < len(self.graph.points):
             graph = self.graph
-            h = candidate_values(
+            h: Floats = candidate_values(
                 states, self._net.nearest.state, graph.points, graph.distance, self.anchors, around,
                 self.taught.arrays, self.query.space.metric,
             )  # fmt: skip
-            if h.size:
-                return np.asarray(h)
+            return h
         return super().__call__(states)
 
     def follow(self, states: Floats) -> Floats:
@@ -110,10 +109,7 @@ class Roadmap(GraphCostToGo):
         h = super().follow(states)
         while self._finer < _FINER and self._lazy and not np.isfinite(h.min()):
             self._finer += 1
-            earlier, self.taught = self.taught, Taught(states.shape[1])
-            self._restart()
-            for state, reach, factor in zip(*earlier.arrays, strict=True):
-                self.raise_near(state, reach / 2.0, factor)
+            self._renew(0.5)
             h = super().follow(states)
         return h
 

@@ -9,7 +9,7 @@ import pytest
 
 from guided_gym.errors import InvalidInputError
 from guided_gym.guidance.base import draw
-from guided_gym.guidance.cells import GoalDistance, OracleGuidance, Uninformed, Voronoi
+from guided_gym.guidance.cells import Uninformed, Voronoi
 from guided_gym.guidance.registry import make_guidance
 from guided_gym.measure.oracle import oracle_for
 from guided_gym.planning import guided_search
@@ -39,7 +39,7 @@ def test_uninformed__is_uniform(room: Problem) -> None:
 
 
 def test_goal_distance__hand_worked(room: Problem) -> None:
-    guidance = GoalDistance()
+    guidance = make_guidance("goal_distance")
     search = started(room, guidance, (9, 5), (6, 5), (5, 9))
     h = np.hypot(*(search.tree.configurations - [9, 9]).T)
     penalty = 0.1 * search.planner.step
@@ -53,7 +53,7 @@ def test_goal_distance__hand_worked(room: Problem) -> None:
 
 def test_oracle__is_the_true_distance_and_infinite_in_collision(walled: Walled) -> None:
     problem = walled("point")
-    guidance = OracleGuidance()
+    guidance = make_guidance("oracle")
     search = started(problem, guidance, (2, 5), (4, 8))
     oracle = oracle_for(problem.space, problem.task.goal, start=problem.task.start)
     q = np.array([[2.0, 5.0], [5.0, 5.0], [4.0, 8.0]])

@@ -18,7 +18,6 @@ from guided_gym.geometry.robots import Robot
 from guided_gym.guidance import registry
 from guided_gym.guidance.base import GuidingSpace
 from guided_gym.guidance.cells import Uninformed, Voronoi
-from guided_gym.guidance.environment_modification import LazyPRM
 from guided_gym.guidance.registry import guidance_names, make_guidance, register_guidance
 from guided_gym.planning import guided_search
 from guided_gym.problems import Problem, Task
@@ -32,18 +31,26 @@ Make = Callable[..., GuidingSpace]
 # Name -> options that keep it small. Every registered guiding space has a row.
 SPACES: dict[str, dict] = {
     "uninformed": {},
+    "rrt": {"cell_samples": 500},
     "goal_distance": {},
     "oracle": {},
-    "rrt": {"cell_samples": 500},
     "prm": {"vertices": 300},
     "lazy_prm": {"vertices": 300},
     "medial_axis": {},
     "path_database": {},  # its paths come from `stored_paths`
     "wavefront": {},
     "hybrid": {"guides": ["medial_axis", "goal_distance"]},
+    "straight": {},
+    "exact": {},
+    "roadmap": {"vertices": 300},
+    "skeleton": {"robot": "point"},
+    "wave": {},
+    "paths": {},  # likewise
+    "searched": {"guidance": "goal_distance", "samples": 200},
 }
+EXPERIENCED = ("path_database", "paths")
 DRAWN_EXACTLY = [name for name in SPACES if name != "rrt"]  # RRT's P is an estimate
-TEMPERED = ["goal_distance", "oracle", "prm", "lazy_prm", "medial_axis", "path_database"]
+TEMPERED = [name for name in SPACES if name not in ("uninformed", "rrt", "wavefront", "hybrid")]
 ROBOTS = ["point", "rectangle", "notched"]
 
 
@@ -70,7 +77,7 @@ def make(stored_paths: Callable[[Problem], PathLibrary]) -> Make:
 
     def build(name: str, problem: Problem, **options: object) -> GuidingSpace:
         options = SPACES[name] | options
-        if name == "path_database":
+        if name in EXPERIENCED:
             options["database"] = stored_paths(problem)
         return make_guidance(name, **options)
 
@@ -162,7 +169,7 @@ def test_reset__makes_it_as_good_as_new(walled: Walled, make: Make, name: str) -
     assert trees[0].failed_nodes.tolist() == trees[1].failed_nodes.tolist()
 
 
-@pytest.mark.parametrize("name", [name for name in SPACES if name != "path_database"])
+@pytest.mark.parametrize("name", [name for name in SPACES if name not in EXPERIENCED])
 def test_guidance__serves_one_robot_after_another(walled: Walled, make: Make, name: str) -> None:
     guidance = make(name, walled("rectangle"))
     for robot in ("rectangle", "point", "notched"):
@@ -230,7 +237,7 @@ def test_guidance__survives_where_no_path_exists(
 ) -> None:
     if name == "oracle":
         return  # refuses, and a test of the search says so
-    guidance = make(name, walled("rectangle") if name == "path_database" else closed)
+    guidance = make(name, walled("rectangle") if name in EXPERIENCED else closed)
     result = guided_search(closed, guidance, seed=0, max_samples=250, measure=False)
     assert not result.solved
     assert np.bincount(result.record.selected).max() <= 0.6 * result.samples
@@ -262,7 +269,7 @@ def test_guidance__in_an_environment_without_obstacles(make: Make, walled: Walle
     problem = Problem(
         walled("rectangle").robot, Environment((0.0, 0.0, 10.0, 10.0)), Task((1.5, 5, 0), (8.5, 5, 0))
     )
-    guidance = make(name, walled("rectangle") if name == "path_database" else problem)
+    guidance = make(name, walled("rectangle") if name in EXPERIENCED else problem)
     _, expansion, own = streams(0)
     search = Search(problem, expansion, own)
     search.attach(guidance)
@@ -299,7 +306,7 @@ def test_make_guidance__refuses_what_is_no_guiding_space(bad: object) -> None:
 def test_make_guidance__takes_names_paths_and_instances() -> None:
     instance = make_guidance("rrt")
     assert make_guidance(instance) is instance
-    assert type(make_guidance("guided_gym.guidance.environment_modification:LazyPRM")) is LazyPRM
+    assert type(make_guidance("guided_gym.guidance.cells:Voronoi")) is Voronoi
     with pytest.raises(InvalidInputError, match="need a name"):
         make_guidance(instance, goal_bias=0.1)
     with pytest.raises(UnknownNameError, match="did you mean 'lazy_prm'"):
@@ -308,7 +315,7 @@ def test_make_guidance__takes_names_paths_and_instances() -> None:
         make_guidance("lazy_prm+")
 
 
-@pytest.mark.parametrize("name", [name for name in SPACES if name != "path_database"])
+@pytest.mark.parametrize("name", [name for name in SPACES if name not in EXPERIENCED])
 def test_guidance__can_be_pickled_before_a_search(walled: Walled, name: str) -> None:
     guidance = make_guidance(name, **SPACES[name])
     twin = pickle.loads(pickle.dumps(guidance))
@@ -424,15 +431,17 @@ def test_h__may_be_infinite_and_need_not_be_an_array(walled: Walled, h) -> None:
     ("name", "options"),
     [
         ("lazy_prm", {"vertices": "many"}),
-        ("lazy_prm", {"radius": None}),
+        ("lazy_prm", {"reach": "far"}),
+        ("lazy_prm", {"check": -1.0}),
+        ("lazy_prm", {"factor": np.nan}),
         ("prm", {"neighbours": 2.5}),
         ("prm", {"anchors": True}),
         ("rrt", {"goal_bias": float("nan")}),
         ("rrt", {"cell_samples": "4"}),
-        ("medial_axis", {"growth": "fast"}),
+        ("medial_axis", {"factor": "fast"}),
         ("goal_distance", {"temperature": [1]}),
         ("hybrid", {"guides": 3}),
-        ("hybrid", {"rule": "swap"}),
+        ("hybrid", {"rule": 3}),
         ("path_database", {"database": 3}),
     ],
 )

@@ -26,16 +26,25 @@ FOLDER = Path(__file__).parent / "golden"
 NODES, SAMPLES, SEED = 60, 120, 7
 NAMES = [
     "uninformed",
+    "rrt",
     "goal_distance",
     "oracle",
-    "rrt",
     "prm",
     "lazy_prm",
     "medial_axis",
     "path_database",
     "wavefront",
     "hybrid",
+    "straight",
+    "exact",
+    "roadmap",
+    "skeleton",
+    "wave",
+    "paths",
+    "searched",
 ]
+# What the solvers do not do by default.
+OPTIONS = {"skeleton": {"robot": "point"}, "searched": {"guidance": "goal_distance"}}
 
 
 def problem() -> Problem:
@@ -47,8 +56,8 @@ def problem() -> Problem:
 
 def guidance(name: str, posed: Problem) -> GuidingSpace:
     """The guiding space, with stored paths of which one is blocked."""
-    if name != "path_database":
-        return make_guidance(name)
+    if name not in ("path_database", "paths"):
+        return make_guidance(name, **OPTIONS.get(name, {}))
     turns = [[1.5, 3, 0], [3.5, 8.2, 0], [5.6, 8.2, 0], [5.6, 1.5, 0], [8, 1.5, 1], [8.7, 6, 1]]
     straight = [[1.5, 3, 0], [8.7, 6, 1]]
     space = posed.space

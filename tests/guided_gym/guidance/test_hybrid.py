@@ -2,17 +2,18 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 
 import numpy as np
 import pytest
 
 from guided_gym.errors import InvalidInputError, UnknownNameError
-from guided_gym.guidance.cells import GoalDistance, Uninformed
-from guided_gym.guidance.environment_modification import LazyPRM
+from guided_gym.guidance.base import GuidingSpace
+from guided_gym.guidance.cells import Uninformed
+from guided_gym.guidance.composed import Composed
 from guided_gym.guidance.hybrid import Hybrid
 from guided_gym.guidance.registry import make_guidance, make_guides
-from guided_gym.guidance.robot_modification import MedialAxis
+from guided_gym.guidance.solvers.plain import Straight
 from guided_gym.planning import guided_search
 from guided_gym.problems import Problem
 from guided_gym.randomness import streams
@@ -21,10 +22,14 @@ from guided_gym.search.search import Expansion, Search
 Walled = Callable[[str], Problem]
 
 
-class Listening(GoalDistance):
+class Listening(Composed):
     """Notes what it hears."""
 
+    def __init__(self) -> None:
+        super().__init__(Straight())
+
     def prepare(self) -> None:
+        super().prepare()
         self.heard: list[Expansion] = []
         self.asked = 0
 
@@ -82,13 +87,14 @@ def test_reset__starts_with_the_first_again(walled: Walled) -> None:
 
 def test_default__is_the_papers() -> None:
     guides = make_guidance("hybrid").guides  # type: ignore[attr-defined]
-    assert [type(g) for g in guides] == [LazyPRM, MedialAxis]
+    assert [g.name for g in guides] == ["lazy_prm", "medial_axis"]
 
 
 def test_names__may_be_joined_and_nested(walled: Walled) -> None:
     joined = make_guidance("goal_distance+uninformed+lazy_prm")
     assert isinstance(joined, Hybrid)
-    assert [type(g) for g in joined.guides] == [GoalDistance, Uninformed, LazyPRM]
+    assert [g.name for g in joined.guides] == ["goal_distance", "uninformed", "lazy_prm"]
+    assert type(joined.guides[1]) is Uninformed
     nested = Hybrid(make_guides([Hybrid(make_guides(["medial_axis", "goal_distance"])), "rrt"]))
     result = guided_search(walled("rectangle"), nested, seed=0, max_samples=150, distributions=True)
     assert np.isfinite(result.record.divergence[result.record.selected >= 0]).any()
@@ -112,12 +118,14 @@ def test_rule__is_an_option(walled: Walled) -> None:
     class InTurn:
         """The next one after every sample."""
 
-        def reset(self, count: int) -> int:
-            self.count = count
-            return count - 1
+        def begin(self, guides: Sequence[GuidingSpace], search: Search) -> None:
+            self.current = len(guides) - 1
 
-        def next(self, current: int, expansion: Expansion) -> int:
-            return (current + 1) % self.count
+        def weights(self) -> list[float]:
+            return [float(i == self.current) for i in range(2)]
+
+        def learn(self, current: int, expansion: Expansion) -> None:
+            self.current = (current + 1) % 2
 
     a, b = Listening(), Listening()
     hybrid = Hybrid([a, b], rule=InTurn())
@@ -142,7 +150,7 @@ def test_hybrid__refuses_no_guides(wrong: object) -> None:
 
 
 def test_hybrid__refuses_the_same_guide_twice_and_unknown_ones() -> None:
-    guide = GoalDistance()
+    guide = Uninformed()
     with pytest.raises(InvalidInputError, match="twice"):
         Hybrid([guide, guide])
     with pytest.raises(UnknownNameError, match="medial_axis"):

@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from guided_gym.kernels.anchors import anchored_values, drop_anchors, nearest_segments
+from guided_gym.kernels.anchors import anchored_values_of, charge_anchors, nearest_segments
 from guided_gym.kernels.metric import Metric, segment_separation
 
 M = Metric(np.ones(2), np.zeros(2))
@@ -17,34 +17,54 @@ def test_anchored_values__hand_worked() -> None:
     vertices = np.array([[0, 1], [2, -1], [-1, -1], [0, 2], [0, 1]], np.int32)
     lengths = np.array([[1.0, 0.5], [1, 0], [0, 0], [np.inf, 4], [1, 2]])
     edges = np.array([[-1, -1], [-1, -1], [-1, -1], [-1, -1], [0, 0]], np.int32)
-    values = anchored_values(vertices, lengths, edges, np.array([3.0]), np.array([5.0, 6, np.inf]), 5)
+    distance, every = np.array([5.0, 6, np.inf]), np.arange(5)
+    values = anchored_values_of(every, vertices, lengths, edges, np.array([3.0]), distance)
     assert values.tolist() == [6, np.inf, np.inf, np.inf, 8]  # the last: min(3 * 1 + 5, 3 * 2 + 6)
-    assert len(anchored_values(vertices, lengths, edges, np.array([3.0]), np.array([5.0, 6, 7]), 2)) == 2
+    some = anchored_values_of(np.array([4, 0]), vertices, lengths, edges, np.array([3.0]), distance)
+    assert some.tolist() == [8, 6]
 
 
-@settings(max_examples=60, deadline=None)
-@given(st.integers(0, 2**32), st.floats(0.01, 2))
-def test_drop_anchors__those_that_pass_near_and_no_others(seed: int, radius: float) -> None:
+def some_anchors(seed: int) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray, tuple]:
+    """4 states, 6 vertices, 3 anchors each of which some are none or dropped, and 3 places with a lesson."""
     rng = np.random.default_rng(seed)
-    q, points, contacts = (rng.uniform(0, 5, (n, 2)) for n in (4, 6, 3))
+    q, points, places = (rng.uniform(0, 5, (n, 2)) for n in (4, 6, 3))
     vertices = rng.integers(-1, 6, (4, 3)).astype(np.int32)
     lengths = np.hypot(*(q[:, None] - points[vertices]).transpose(2, 0, 1))
     lengths[rng.random((4, 3)) < 0.2] = np.inf
+    taught = places, rng.uniform(0.01, 2, 3), np.array([1.5, 3.0, np.inf])
+    return q, points, vertices, lengths, taught
+
+
+def charge(q: np.ndarray, v: np.ndarray, taught: tuple) -> float:
+    """What an anchor's length is multiplied by: the product over all places that it passes near."""
+    factor = 1.0
+    for place, reach, times in zip(*taught, strict=True):
+        if segment_separation(q, v, place, M) <= reach:
+            factor *= times
+    return factor
+
+
+@settings(max_examples=60, deadline=None)
+@given(st.integers(0, 2**32))
+def test_charge_anchors__those_that_pass_near_and_no_others(seed: int) -> None:
+    q, points, vertices, lengths, taught = some_anchors(seed)
     before = lengths.copy()
-    drop_anchors(q, np.arange(3), vertices, lengths, points, contacts, radius, M)
+    charge_anchors(q, np.arange(3), vertices, lengths, points, taught, M)
     assert (lengths[3] == before[3]).all()  # only the first 3
     for i in range(3):
         for j in range(3):
             v = vertices[i, j]
-            near = v >= 0 and any(segment_separation(q[i], points[v], c, M) <= radius for c in contacts)
-            assert lengths[i, j] == (np.inf if near else before[i, j])
+            factor = charge(q[i], points[v], taught) if v >= 0 else 1.0
+            assert lengths[i, j] == pytest.approx(before[i, j] * factor)
 
 
-def test_drop_anchors__that_have_no_length() -> None:
+def test_charge_anchors__that_have_no_length() -> None:
     q = np.array([[1.0, 1.0]])
     lengths = np.zeros((1, 1))
-    drop_anchors(q, np.arange(1), np.zeros((1, 1), np.int32), lengths, q, np.array([[1.0, 1.1]]), 0.2, M)
-    assert lengths[0, 0] == np.inf
+    for reach, expected in ((0.05, 0.0), (0.2, np.inf)):
+        taught = np.array([[1.0, 1.1]]), np.array([reach]), np.array([np.inf])
+        charge_anchors(q, np.arange(1), np.zeros((1, 1), np.int32), lengths, q, taught, M)
+        assert lengths[0, 0] == expected
 
 
 @settings(max_examples=60, deadline=None)

@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 
 from guided_gym.errors import GuidedGymError, InvalidInputError, StorageError
+from guided_gym.guidance.composed import Composed
 from guided_gym.guidance.registry import make_guidance
-from guided_gym.guidance.solvers.paths import PathDatabase
 from guided_gym.planning import guided_search
 from guided_gym.problems import Problem
 from guided_gym.randomness import streams
@@ -32,14 +32,20 @@ def library(problem: Problem, *paths: list) -> PathLibrary:
     return PathLibrary.from_paths(arrays, problem.space.weights, problem.space.periods)
 
 
-def started(problem: Problem, *paths: list, **options: object) -> tuple[PathDatabase, Search]:
-    guidance = PathDatabase(database=library(problem, *paths), **options)  # type: ignore[arg-type]
+def stored(database: PathLibrary | str | Path, **options: object) -> Composed:
+    guidance = make_guidance("path_database", database=database, **options)
+    assert isinstance(guidance, Composed)
+    return guidance
+
+
+def started(problem: Problem, *paths: list, **options: object) -> tuple[Composed, Search]:
+    guidance = stored(library(problem, *paths), **options)
     search = Search(problem, *streams(0)[1:])
     search.attach(guidance)
     return guidance, search
 
 
-def grow(search: Search, guidance: PathDatabase, samples: int) -> None:
+def grow(search: Search, guidance: Composed, samples: int) -> None:
     for _ in range(samples):
         node = guidance.select(search.tree)
         search.expand(node, guidance.propose(search.tree, node))
@@ -57,7 +63,7 @@ def test_paths__are_followed(walled: Walled) -> None:
     for way, side in ((OVER, 1), (UNDER, -1)):
         result = guided_search(
             walled("rectangle"),
-            PathDatabase(database=library(walled("rectangle"), way)),
+            stored(library(walled("rectangle"), way)),
             seed=0,
             measure=False,
         )
@@ -69,7 +75,7 @@ def test_paths__are_followed(walled: Walled) -> None:
 
 def test_rrt__helps_out_until_a_node_sees_a_path(walled: Walled) -> None:
     problem = walled("point")
-    options = {"similar": 1, "radius": 0.1}
+    options = {"similar": 1, "reach": 0.1}
     guidance, search = started(problem, [[7.0, 1.0], [8.5, 5.0]], **options)  # starts on the far side
     assert not np.isfinite(guidance.values(search.tree)).any()
     plain = guided_search(problem, "rrt", seed=5, max_samples=2000, measure=False)
@@ -86,29 +92,27 @@ def test_rrt__helps_out_until_a_node_sees_a_path(walled: Walled) -> None:
 
 def test_empty_library__is_rrt(walled: Walled) -> None:
     a = guided_search(walled("rectangle"), "rrt", seed=1, measure=False)
-    b = guided_search(
-        walled("rectangle"), PathDatabase(database=library(walled("rectangle"))), seed=1, measure=False
-    )
+    b = guided_search(walled("rectangle"), stored(library(walled("rectangle"))), seed=1, measure=False)
     assert (a.tree.configurations == b.tree.configurations).all()
 
 
 def test_collision__filters_the_paths_near_it(walled: Walled) -> None:
     guidance, search = started(walled("point"), THROUGH, OVER)
-    assert guidance._alive.tolist() == [True, True]
+    assert guidance.solver._alive.tolist() == [True, True]
     search.tree.add(np.array([4.3, 5.0]), 0, 2.8)
     assert search.expand(1, np.array([4.7, 5.0])).failed
-    assert guidance.filtered == 1
-    assert np.count_nonzero(guidance._alive) == 1
+    assert guidance.solver.filtered == 1
+    assert np.count_nonzero(guidance.solver._alive) == 1
     assert np.isinf(guidance.values(search.tree)[1])  # it saw the straight path only
     assert np.isfinite(guidance.values(search.tree)[0])  # the start sees the other
 
 
 def test_query__goes_on_when_all_paths_are_filtered(walled: Walled) -> None:
     guidance, search = started(walled("rectangle"), THROUGH, THROUGH, OVER, similar=1)
-    assert guidance.queried == 1
+    assert guidance.solver.queried == 1
     grow(search, guidance, 200)
-    assert guidance.queried == 3
-    assert guidance.filtered >= 2
+    assert guidance.solver.queried == 3
+    assert guidance.solver.filtered >= 2
     assert search.solved
 
 
@@ -117,16 +121,16 @@ def test_query__of_a_new_block_knows_the_collisions_so_far(walled: Walled) -> No
     search.tree.add(np.array([4.3, 5.0]), 0, 2.8)
     search.expand(1, np.array([4.7, 5.0]))
     guidance.select(search.tree)
-    assert guidance.queried == 4
-    assert guidance.filtered == 4  # by the one collision
-    assert not guidance._alive.any()
+    assert guidance.solver.queried == 4
+    assert guidance.solver.filtered == 4  # by the one collision
+    assert not guidance.solver._alive.any()
 
 
 @pytest.mark.parametrize("paths", [[[[1.5, 5.0]]], [[[1.5, 5.0], [2.5, 5.0]]], [[[8.5, 5.0]]], [FAR_AWAY]])
 def test_paths__that_end_short_of_the_goal_do_not_hold_a_search_for_ever(walled: Walled, paths: list) -> None:
     problem = walled("rectangle")
     for seed in range(3):
-        guidance = PathDatabase(database=library(problem, *paths))
+        guidance = stored(library(problem, *paths))
         result = guided_search(problem, guidance, seed=seed, max_samples=2000, measure=False)
         assert result.solved
 
@@ -136,15 +140,13 @@ def test_values__match_a_walk_over_the_graph(walled: Walled) -> None:
 
     guidance, search = started(walled("rectangle"), THROUGH, OVER, UNDER)
     grow(search, guidance, 60)
-    roadmap = guidance.roadmap
-    found = nx.single_source_dijkstra_path_length(roadmap.graph(), roadmap.goal)
-    assert roadmap.distance == pytest.approx(
-        np.array([found.get(v, np.inf) for v in range(len(roadmap.points))])
-    )
+    graph = guidance.solver.graph
+    found = nx.single_source_dijkstra_path_length(graph.as_networkx(), graph.goal)
+    assert graph.distance == pytest.approx(np.array([found.get(v, np.inf) for v in range(len(graph.points))]))
 
 
 def test_dimension__of_another_robot_is_refused(walled: Walled) -> None:
-    guidance = PathDatabase(database=library(walled("point"), OVER))
+    guidance = stored(library(walled("point"), OVER))
     with pytest.raises(InvalidInputError, match="dimension 3"):
         guided_search(walled("rectangle"), guidance, measure=False)
 
@@ -155,25 +157,25 @@ def test_database__is_read_from_its_file(walled: Walled, tmp_path: Path) -> None
     file = tmp_path / "paths.db"
     with Store.create_or_open(file, DatabaseHeader.for_space("Walled", problem.space)) as store:
         store.append_many((i, paths.path(i)) for i in range(3))
-    from_file = guided_search(problem, PathDatabase(database=file), seed=2, measure=False)
-    from_memory = guided_search(problem, PathDatabase(database=paths), seed=2, measure=False)
+    from_file = guided_search(problem, stored(file), seed=2, measure=False)
+    from_memory = guided_search(problem, stored(paths), seed=2, measure=False)
     assert (from_file.tree.configurations == from_memory.tree.configurations).all()
-    assert len(PathDatabase(database=str(file), paths=2).library) == 2
-    assert len(PathDatabase(database=paths, paths=1).library) == 1
+    assert len(stored(str(file), paths=2).solver.library) == 2
+    assert len(stored(paths, paths=1).solver.library) == 1
 
 
 def test_database__that_is_missing_says_how_to_make_one(tmp_path: Path) -> None:
     with pytest.raises(InvalidInputError, match="guided-gym database build"):
         make_guidance("path_database")
     with pytest.raises(GuidedGymError, match="nowhere"):
-        PathDatabase(database=tmp_path / "nowhere.db")
+        stored(tmp_path / "nowhere.db")
     foreign = tmp_path / "foreign.db"
     foreign.write_bytes(b"no database at all" * 100)
     with pytest.raises(StorageError):
-        PathDatabase(database=foreign)
+        stored(foreign)
 
 
-@pytest.mark.parametrize("wrong", [{"similar": 0}, {"radius": 0.0}, {"check": np.nan}])
+@pytest.mark.parametrize("wrong", [{"similar": 0}, {"reach": -0.1}, {"check": np.nan}])
 def test_path_database__refuses_what_makes_no_sense(walled: Walled, wrong: dict) -> None:
     with pytest.raises(InvalidInputError, match=next(iter(wrong))):
-        PathDatabase(database=library(walled("point"), OVER), **wrong)
+        stored(library(walled("point"), OVER), **wrong)

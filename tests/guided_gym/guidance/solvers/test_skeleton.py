@@ -12,7 +12,7 @@ from guided_gym.errors import InvalidInputError
 from guided_gym.geometry.environment import Environment
 from guided_gym.geometry.robots import Robot
 from guided_gym.geometry.space import ConfigurationSpace
-from guided_gym.guidance.robot_modification import MedialAxis
+from guided_gym.guidance.registry import make_guidance
 from guided_gym.guidance.solvers.base import Query
 from guided_gym.guidance.solvers.skeleton import Skeleton, medial_axis, skeleton_graph
 from guided_gym.randomness import streams
@@ -118,14 +118,13 @@ def test_skeleton_solver__hand_worked_in_a_corridor() -> None:
     solver = begun(CORRIDOR, (15.0, 0.5))
     q = np.array([[3.0, 1.5], [10.0, 1.0], [15.0, 1.7], [17.0, 0.4], [17.0, 3.0]])
     assert solver(q) == pytest.approx([12, 5, 0, 2, np.inf], abs=0.15)
-    assert solver.landmarks(q[0], 1.0).shape == (0, 2)
 
 
 def test_skeleton_solver__a_failure_adds_a_share_to_the_nearest_edge() -> None:
-    solver = begun(CORRIDOR, (15.0, 1.0), spacing=2.0)
+    solver = begun(CORRIDOR, (15.0, 1.0), spacing=1.0)
     q = np.array([[3.0, 1.0], [13.0, 1.0]])
     before = solver(q)
-    edge = solver.roadmap.lengths[solver.join(np.array([[8.2, 1.0]])).edges[0, 0]]
+    edge = solver.graph.lengths[solver.anchor(np.array([[8.2, 1.0]])).edges[0, 0]]
     for k in range(1, 4):  # shares add up
         solver.raise_near(np.array([8.2, 1.3]), 0.0, 1.1)
         assert solver(q) - before == pytest.approx([0.1 * k * edge, 0.0])
@@ -134,13 +133,13 @@ def test_skeleton_solver__a_failure_adds_a_share_to_the_nearest_edge() -> None:
 
 
 def test_skeleton_solver__with_a_reach_all_edges_within_it_rise() -> None:
-    solver = begun(CORRIDOR, (15.0, 1.0), spacing=2.0)
-    roadmap = solver.roadmap
-    segments = shapely.linestrings(roadmap.points[roadmap.edges])
+    solver = begun(CORRIDOR, (15.0, 1.0), spacing=1.0)
+    graph = solver.graph
+    segments = shapely.linestrings(graph.points[graph.edges])
     within = shapely.distance(segments, shapely.Point(6.0, 1.2)) <= 2.0
     solver.raise_near(np.array([6.0, 1.2]), 2.0, 3.0)
     assert 3 < within.sum() < len(within)
-    assert np.array_equal(roadmap.multipliers, np.where(within, 3.0, 1.0))
+    assert np.array_equal(graph.multipliers, np.where(within, 3.0, 1.0))
 
 
 def test_skeleton_solver__nodes_follow_and_costs_only_rise() -> None:
@@ -162,7 +161,7 @@ def test_skeleton_solver__nodes_follow_and_costs_only_rise() -> None:
 def test_skeleton_solver__values_are_those_of_the_medial_axis_guidance() -> None:
     problem = make_distribution("TrapCup").problem(0)
     search = Search(problem, *streams(0)[1:])
-    guidance = MedialAxis(expansion_penalty=0.0)
+    guidance = make_guidance("medial_axis", expansion_penalty=0.0)
     search.attach(guidance)
     solver = begun(problem.environment, tuple(problem.task.goal[:2]), search.planner.step)
     q = problem.space.sample(np.random.default_rng(0), 500)
@@ -172,7 +171,7 @@ def test_skeleton_solver__values_are_those_of_the_medial_axis_guidance() -> None
 
 def test_skeleton_solver__refuses_other_spaces_and_options() -> None:
     space = make_distribution("TrapCup").problem(0).space
-    with pytest.raises(InvalidInputError, match="got 3 dimensions"):
+    with pytest.raises(InvalidInputError, match="skeleton: expected a guiding space of 2 dimensions, got 3"):
         Skeleton().begin(Query(space, np.zeros(3), np.zeros(3)), np.random.default_rng(0), 1.0)
     with pytest.raises(InvalidInputError, match="spacing"):
         Skeleton(spacing=0.0)
