@@ -12,6 +12,7 @@ from guided_gym.guidance.base import GuidingSpace, draw
 from guided_gym.guidance.solvers.wave import Field, WaveModel, check_grid
 from guided_gym.kernels import fields
 from guided_gym.options import TargetParameters
+from guided_gym.structures.nearest import GrowingIndex
 
 if TYPE_CHECKING:
     from guided_gym.search.search import Expansion
@@ -25,9 +26,12 @@ _AGAIN: Final = 3.0  # failures that each child of a node after its first counts
 _FAILURE, _CONTACT = 1.0, 0.3  # nats that log(1 + failures) and log(1 + contacts) take
 _NEVER: Final = 1e6  # steps; stands for "the field sees no way"
 _CLIP: Final = 4.0  # of remaining way and of detour, in optima
+_LEAST: Final = 1e-9  # sides of the workspace that a way left may be as a unit
 _PROGRESS: Final = 0.25  # steps by which the way left must fall to count as progress
 _VAIN_REACH: Final = 2.0  # cells around an expansion in vain that become slower
 _VAIN_GAIN: Final = 10.0  # times slower, for each
+_TIRED: Final = 8  # runs in vain, after each so many of which it takes more of it for another
+_SAME_PLACE: Final = 0.2  # reaches; contacts that are no further apart count as one place
 
 
 class Wavefront(GuidingSpace):
@@ -35,7 +39,7 @@ class Wavefront(GuidingSpace):
 
     The wave runs over a grid of poses, once per problem; nodes and candidates are looked up. P is what the
     target distribution would be, were the field the true distance. Where a search makes no progress, the
-    poses that it has tried become slower and the wave runs again. No pose or motion is checked for collision.
+    poses that it has tried become slower and the wave runs again. Proposals are not checked for collision.
 
     Args:
         cells: Cells along each side of the raster, divisible by 8.
@@ -43,7 +47,8 @@ class Wavefront(GuidingSpace):
         temperature: 0 selects the largest logit; 1 draws from the softmax of the logits.
         failure_penalty: Nats that each failed expansion of a node takes from its logit; each child after the
             first takes more, and a crowd of nodes around it some, so that nothing is tried in vain forever.
-        candidates: Members of N_C(v) that a proposal looks at; more of them in a crowd.
+        candidates: Members of N_C(v) that a proposal looks at, more of them in a crowd; None for as many as
+            the search's options say.
         patience: Expansions in a row without progress after which the wave runs again.
 
     Raises:
@@ -59,7 +64,7 @@ class Wavefront(GuidingSpace):
         headings: int = 16,
         temperature: float = 0.0,
         failure_penalty: float = 0.3,
-        candidates: int = 256,
+        candidates: int | None = None,
         patience: int = 12,
     ) -> None:
         check_grid(cells, headings)
@@ -70,13 +75,13 @@ class Wavefront(GuidingSpace):
         model: WaveModel,
         temperature: float,
         failure_penalty: float,
-        candidates: int,
+        candidates: int | None,
         patience: int,
     ) -> None:
         super().__init__(temperature=temperature, expansion_penalty=0.0)
         self.model = model
         self.failure_penalty = number("failure_penalty", failure_penalty, least=0)
-        self.candidates = integer("candidates", candidates, least=1)
+        self.candidates = None if candidates is None else integer("candidates", candidates, least=1)
         self.patience = integer("patience", patience, least=1)
 
     def prepare(self) -> None:
@@ -89,13 +94,51 @@ class Wavefront(GuidingSpace):
         self._seen = self._contacts = 0
         self._nearest = np.inf
         self._vain: list[NDArray[np.float64]] = []
+        self._again = 0  # runs since the last progress
+        self._places = GrowingIndex(self.space.metric)  # of contacts, those close together taken as one
+        self._weights = np.zeros(64)  # how many each stands for
+        self.search.collision_checks += self._grid.looks(self._field.frame)
 
     def project(self, tree: SearchTree, q: NDArray[np.float64]) -> NDArray[np.float64]:
         """(m, 2) the field at configurations (length) and how crowded known contacts are around them."""
         q = np.ascontiguousarray(q)
-        contacts = tree.failed.contacts[: tree.failure_count]
-        crowding = fields.crowding(q, contacts, self._reach, self._weight)
-        return np.column_stack([self._way_left(q), crowding])
+        self._take_contacts(tree)
+        return np.column_stack([self._way_left(q), self._contacts_at(q)])
+
+    def _take_contacts(self, tree: SearchTree) -> None:
+        """Take in the contacts that are new; nodes near them know."""
+        for contact in tree.failed.contacts[self._contacts : tree.failure_count]:
+            near = self._places.within(contact, _SAME_PLACE * self._reach)
+            if near.size:
+                self._weights[near[0]] += 1
+            else:
+                self._places.add(contact)
+                if len(self._places) > len(self._weights):
+                    self._weights = np.concatenate([self._weights, np.zeros(len(self._weights))])
+                self._weights[len(self._places) - 1] = 1
+            nodes = self._seen_near(tree, contact)
+            self._nodes[nodes, 1] += self._crowding(tree.nodes.configurations[nodes], contact[None])
+        self._contacts = tree.failure_count
+
+    def _seen_near(self, tree: SearchTree, q: NDArray[np.float64]) -> NDArray[np.int64]:
+        """The nodes, ascending, that have been taken in and to whose crowd q counts."""
+        near = tree.index.within(q, fields.FAR * self._reach)
+        return np.sort(near[near < self._seen])
+
+    def _contacts_at(self, q: NDArray[np.float64]) -> NDArray[np.float64]:
+        """(m,) how crowded known contacts are around configurations (m, d)."""
+        if len(self._places) == 0 or len(q) == 0:
+            return np.zeros(len(q))
+        spread = float(np.max(self.space.distance(q, q[0])))
+        near = np.sort(self._places.within(q[0], spread + fields.FAR * self._reach))
+        return self._crowding(q, self._places.points[near], self._weights[near])
+
+    def _crowding(
+        self, q: NDArray[np.float64], points: NDArray[np.float64], weights: NDArray[np.float64] | None = None
+    ) -> NDArray[np.float64]:
+        weights = np.ones(len(points)) if weights is None else weights
+        q, points = np.ascontiguousarray(q), np.array(points)
+        return fields.crowding(q, points, weights, self._reach, self._weight)
 
     def heuristic(self, states: NDArray[np.float64]) -> NDArray[np.float64]:
         """The field, and a step for each contact at hand."""
@@ -141,13 +184,20 @@ class Wavefront(GuidingSpace):
         return draw(self.distribution(tree), self.rng)
 
     def propose(self, tree: SearchTree, node: int) -> NDArray[np.float64]:
-        """(d,) x_new: the candidate with the shortest way on, shy of what has no room."""
+        """(d,) x_new: the candidate with the shortest way on, shy of what has no room.
+
+        Where the task ends in a region around the goal, a node within a step of it tries the goal itself
+        first: where that has no room, the field has its least value before it.
+        """
         self._update(tree)
         q, step = tree.nodes.configurations[node], self.planner.step
         crowd = max(self._nodes[node, 2] - _CROWD, 0.0)
-        candidates = self.planner.candidates(
-            q, min(int(self.candidates * (1 + crowd)), max(_MOST_CANDIDATES, self.candidates))
-        )
+        untried = tree.nodes.children[node] + tree.nodes.failures[node] == 0
+        if untried and not self.search.task.by_edge and float(self.space.distance(q, self.goal)) <= step:
+            return self.goal.copy()
+        usual = self.planner.candidate_count if self.candidates is None else self.candidates
+        count = min(int(usual * (1 + crowd)), max(_MOST_CANDIDATES, usual))
+        candidates = self.planner.candidates(q, count)
         lengths = np.asarray(self.space.distance(candidates, q))
         states = self.project(tree, candidates)
         # No free motion brings the goal nearer than by its length: what seems to lies behind a wall.
@@ -164,14 +214,14 @@ class Wavefront(GuidingSpace):
         if not expansion.failed and self._progress(float(self._nodes[expansion.child, 0])):
             return
         self._vain.append(expansion.target if expansion.contact is None else expansion.contact)
-        if len(self._vain) >= self.patience and self.model.plans:
+        if len(self._vain) >= self.patience * (1 + self._again // _TIRED) and self.model.plans:
             self._run_again(tree)
 
     def _progress(self, left: float) -> bool:
         """Whether that way left is shorter than any before."""
         if left > self._nearest - _PROGRESS * self.planner.step:
             return False
-        self._nearest = left
+        self._nearest, self._again = left, 0
         self._vain.clear()
         return True
 
@@ -183,6 +233,7 @@ class Wavefront(GuidingSpace):
         fields.add_effort(self._effort, np.array(self._vain), self._grid.frame, reach, _VAIN_GAIN)
         self._field = self.model.evaluate(self._grid, self.goal, self._effort)
         self._vain.clear()
+        self._again += 1
         self._nodes[: self._seen, 0] = self._way_left(tree.nodes.configurations[: self._seen])
         self._tie(tree, 0, self._seen)
         self._nearest = float(self._nodes[: self._seen, 0].min())
@@ -199,26 +250,24 @@ class Wavefront(GuidingSpace):
 
     def _optimum(self) -> float:
         """The way left at the root (length), as far as it is of any use as a unit."""
-        return float(min(max(self._nodes[0, 0], 1e-9), _CLIP * self._grid.side))
+        return float(min(max(self._nodes[0, 0], _LEAST * self._grid.side), _CLIP * self._grid.side))
 
     def _update(self, tree: SearchTree) -> None:
         """Take in the nodes and contacts that are new."""
-        n, failed = len(tree), tree.failure_count
-        if failed > self._contacts and self._seen:
-            fresh = tree.failed.contacts[self._contacts : failed]
-            old = tree.nodes.configurations[: self._seen]
-            self._nodes[: self._seen, 1] += fields.crowding(old, fresh, self._reach, self._weight)
-        self._contacts = failed
+        n = len(tree)
+        self._take_contacts(tree)
         if n > len(self._nodes):
             self._nodes = np.concatenate([self._nodes, np.zeros((n, 3))])
-        if n > self._seen:
-            first, self._seen = self._seen, n
-            q, old = tree.nodes.configurations[first:n], tree.nodes.configurations[:first]
-            self._nodes[first:n, :2] = self.project(tree, q)
-            self._nodes[:first, 2] += fields.crowding(old, q, self._reach, self._weight)
-            self._nodes[first:n, 2] = fields.crowding(
-                q, tree.nodes.configurations[:n], self._reach, self._weight
-            )
+        first = self._seen
+        if n > first:
+            self._nodes[first:n, :2] = self.project(tree, tree.nodes.configurations[first:n])
+            for node in range(first, n):
+                self._seen = node + 1
+                q = tree.nodes.configurations[node]
+                near = self._seen_near(tree, q)
+                there = np.array(tree.nodes.configurations[near])
+                self._nodes[near, 2] += self._crowding(there, q[None])
+                self._nodes[node, 2] = self._crowding(q[None], there)[0]
             self._tie(tree, first, n)
 
     def _tie(self, tree: SearchTree, first: int, last: int) -> None:
@@ -228,5 +277,4 @@ class Wavefront(GuidingSpace):
         edges = self.space.distance(
             tree.nodes.configurations[start:last], tree.nodes.configurations[parents[start:last]]
         )
-        for i, edge in zip(range(start, last), np.atleast_1d(edges).tolist(), strict=True):
-            self._nodes[i, 0] = min(self._nodes[i, 0], self._nodes[parents[i], 0] + edge)
+        fields.tie(self._nodes, parents, np.atleast_1d(edges), start)

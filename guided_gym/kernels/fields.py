@@ -8,7 +8,7 @@ float64 array of `FRAME` entries below. No pose is checked for collision here: a
 from __future__ import annotations
 
 import math
-from typing import Final, NamedTuple
+from typing import Any, Final, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
@@ -20,6 +20,8 @@ FloatArray = npt.NDArray[np.float64]
 Field = npt.NDArray[np.float32]
 IntArray = npt.NDArray[np.int64]
 BoolArray = npt.NDArray[np.bool_]
+Links = npt.NDArray[np.uint8]
+Int32s = npt.NDArray[np.int32]
 
 ORIGIN_X: Final = 0  # centre of the cell in row 0 and column 0
 ORIGIN_Y: Final = 1
@@ -28,6 +30,7 @@ WEIGHT: Final = 3  # length per radian; 0 for a robot that cannot turn
 GOAL: Final = 4  # three entries: x, y, theta
 FRAME: Final = 7
 
+FAR: Final = 3.0  # reaches beyond which a crowd ends
 FINE: Final = 4  # samples of the distance along a cell's side
 CLIP: Final = 2.0  # cells of room; more is as good
 LEAST: Final = -2.0  # cells of room; less is as bad
@@ -35,18 +38,20 @@ _AT_GOAL = 4.0  # cells
 _UNTIDY = 0.25  # of the way between two poses: what a bucket of arrivals spans
 _MOST_BUCKETS = 1 << 15
 _SLACK = 0.25  # cells by which bilinear rooms may be wrong
+_SURE = 0.1  # cells of room that a pose lacks which is surely blocked
 _NEAR = 2.0  # cells from which the goal is looked for itself
 _BLOCK = 8  # cells along a side whose near edges are looked for together
 
 
 @njit(cache=True)
-def _edge_distance(edges: FloatArray, e: int, x: float, y: float) -> float:
+def _edge_square(edges: FloatArray, e: int, x: float, y: float) -> float:
+    """Square of the distance from (x, y) to an edge."""
     x0, y0 = edges[e, 0], edges[e, 1]
     dx, dy = edges[e, 2] - x0, edges[e, 3] - y0
     t = (x - x0) * dx + (y - y0) * dy
     square = dx * dx + dy * dy
     t = 0.0 if t <= 0.0 else (1.0 if t >= square else t / square)
-    return math.sqrt((x0 + t * dx - x) ** 2 + (y0 + t * dy - y) ** 2)
+    return (x0 + t * dx - x) ** 2 + (y0 + t * dy - y) ** 2
 
 
 @njit(cache=True)
@@ -76,15 +81,16 @@ def _signs(edges: FloatArray, frame: FloatArray, n: int) -> Field:
 
 @njit(cache=True)
 def _near(
-    edges: FloatArray, some: IntArray, x: float, y: float, half: float, out: IntArray, room: FloatArray
+    edges: FloatArray, some: IntArray, x: float, y: float, half: float, out: IntArray, squares: FloatArray
 ) -> int:
     """Which of some edges can be the nearest of a point within ``half`` of (x, y); their count."""
     best, count = np.inf, 0
     for i in range(some.size):
-        room[i] = _edge_distance(edges, some[i], x, y)
-        best = min(best, room[i])
+        squares[i] = _edge_square(edges, some[i], x, y)
+        best = min(best, squares[i])
+    most = (math.sqrt(best) + 2.0 * half) ** 2 if some.size else 0.0
     for i in range(some.size):
-        if room[i] <= best + 2.0 * half:
+        if squares[i] <= most:
             out[count] = some[i]
             count += 1
     return count
@@ -135,16 +141,34 @@ def _sample_cell(
     cell = frame[CELL]
     x, y = frame[ORIGIN_X] + c * cell, frame[ORIGIN_Y] + r * cell
     count = _near(edges, near, x, y, math.sqrt(0.5) * cell, few, room)
-    for a in range(FINE):
-        yy = y + ((a + 0.5) / FINE - 0.5) * cell
-        for b in range(FINE):
-            xx = x + ((b + 0.5) / FINE - 0.5) * cell
-            least = np.inf
-            for i in range(count):
-                least = min(least, _edge_distance(edges, few[i], xx, yy))
-            spare = min(xx - bounds[0], bounds[2] - xx, yy - bounds[1], bounds[3] - yy)
-            least *= out[r * FINE + a, c * FINE + b]
-            out[r * FINE + a, c * FINE + b] = min(least, spare) / cell
+    squares = np.full(FINE * FINE, np.inf)
+    xs, ys = np.empty(FINE * FINE), np.empty(FINE * FINE)
+    for i in range(FINE * FINE):
+        xs[i] = x + ((i % FINE + 0.5) / FINE - 0.5) * cell
+        ys[i] = y + ((i // FINE + 0.5) / FINE - 0.5) * cell
+    for i in range(count):
+        _lower_squares(squares, xs, ys, edges[few[i]])
+    for i in range(FINE * FINE):
+        a, b = r * FINE + i // FINE, c * FINE + i % FINE
+        spare = min(xs[i] - bounds[0], bounds[2] - xs[i], ys[i] - bounds[1], bounds[3] - ys[i])
+        out[a, b] = min(math.sqrt(squares[i]) * out[a, b], spare) / cell
+
+
+@njit(cache=True)
+def _lower_squares(squares: FloatArray, xs: FloatArray, ys: FloatArray, edge: FloatArray) -> None:
+    """Lower (m,) squares of distances to those from points to an edge x0, y0, x1, y1; see `_edge_square`."""
+    x0, y0 = edge[0], edge[1]
+    dx, dy = edge[2] - x0, edge[3] - y0
+    length = dx * dx + dy * dy
+    inverse = 1.0 / length if length > 0.0 else 0.0
+    for i in range(squares.size):
+        px, py = xs[i] - x0, ys[i] - y0
+        t = (px * dx + py * dy) * inverse
+        t = t if t > 0.0 else 0.0
+        t = t if t < 1.0 else 1.0
+        px, py = px - t * dx, py - t * dy
+        square = px * px + py * py
+        squares[i] = square if square < squares[i] else squares[i]
 
 
 @njit(cache=True)
@@ -172,24 +196,41 @@ def _room(
 
 
 @njit(cache=True)
-def _padded(distances: Field, pad: int) -> Field:
-    """The samples with a border: beyond them, the value at the rim less the way to it in cells."""
+def _planes(distances: Field, pad: int) -> Field:
+    """The samples, with a border of ``pad`` cells, apart by their place in a cell: (FINE, FINE, n', n').
+
+    Beyond the samples, the value at the rim less the way to it in cells.
+    """
     m = distances.shape[0]
-    out = np.empty((m + 2 * pad, m + 2 * pad), dtype=np.float32)
-    for r in range(m + 2 * pad):
-        j = min(max(r - pad, 0), m - 1)
-        for c in range(m + 2 * pad):
-            i = min(max(c - pad, 0), m - 1)
-            out[r, c] = distances[j, i] - (abs(r - pad - j) + abs(c - pad - i)) / FINE
+    n = m // FINE + 2 * pad
+    out = np.empty((FINE, FINE, n, n), dtype=np.float32)
+    for r in range(n * FINE):
+        j = min(max(r - pad * FINE, 0), m - 1)
+        for c in range(n * FINE):
+            i = min(max(c - pad * FINE, 0), m - 1)
+            way = (abs(r - pad * FINE - j) + abs(c - pad * FINE - i)) / FINE
+            out[r % FINE, c % FINE, r // FINE, c // FINE] = distances[j, i] - way
     return out
+
+
+@njit(cache=True)
+def _lower(
+    out: Field, low0: Field, low1: Field, high0: Field, high1: Field, right: float, up: float, radius: float
+) -> None:
+    """Lower (m,) ``out`` to what four samples each, mixed, less a radius, come to."""
+    fx, fy, less = np.float32(right), np.float32(up), np.float32(radius)
+    for c in range(out.size):
+        low = low0[c] + fx * (low1[c] - low0[c])
+        high = high0[c] + fx * (high1[c] - high0[c])
+        value = low + fy * (high - low) - less
+        out[c] = value if value < out[c] else out[c]
 
 
 @njit(cache=True)
 def robot_clearances(distances: Field, body: FloatArray, radius: float, turns: int) -> Field:
     """Room of the robot at each pose, in cells, as far as the samples tell: (n, n, turns).
 
-    The least distance less radius over the discs of the body; negative where it overlaps. Exact, but for the
-    samples' resolution, between `LEAST` and `CLIP`; beyond them a bound.
+    The least distance less radius over the discs of the body; negative where it overlaps.
 
     Args:
         distances: (n * FINE, n * FINE) what `signed_distances` gives.
@@ -198,38 +239,29 @@ def robot_clearances(distances: Field, body: FloatArray, radius: float, turns: i
         turns: Headings T.
     """
     n, k = distances.shape[0] // FINE, body.shape[0]
-    pad = int(radius * FINE) + 3
-    samples = _padded(distances, pad)
-    wide = samples.shape[1]
-    flat = samples.ravel()
-    # A disc lies at the same place between samples in every cell, so the shares are worked out only once.
-    places, shares = np.empty((turns, k), np.int64), np.empty((turns, k, 2), np.float32)
+    pad = int(radius) + 2
+    planes = _planes(distances, pad).reshape(FINE, FINE, -1)
+    wide = n + 2 * pad
+    size = (n - 1) * wide + n
+    out = np.full((turns, n * wide), np.float32(np.inf))
+    # A disc lies at the same place between samples in every cell, so that all cells are one long sum.
     for t in range(turns):
         cos, sin = math.cos(2.0 * math.pi * t / turns), math.sin(2.0 * math.pi * t / turns)
         for p in range(k):
-            x = (cos * body[p, 0] - sin * body[p, 1] + 0.5) * FINE - 0.5 + pad
-            y = (sin * body[p, 0] + cos * body[p, 1] + 0.5) * FINE - 0.5 + pad
-            places[t, p] = int(y) * wide + int(x)
-            shares[t, p, 0], shares[t, p, 1] = x - int(x), y - int(y)
-    out = np.empty((n, n, turns), dtype=np.float32)
-    for r in range(n):
-        for c in range(n):
-            middle = distances[r * FINE + FINE // 2, c * FINE + FINE // 2]
-            if middle - radius > CLIP or middle + radius < LEAST:
-                out[r, c, :] = middle - radius if middle > 0.0 else middle
-                continue
-            for t in range(turns):
-                least = np.float32(np.inf)
-                for p in range(k):
-                    v = places[t, p] + (r * wide + c) * FINE
-                    low = flat[v] + shares[t, p, 0] * (flat[v + 1] - flat[v])
-                    v += wide
-                    high = flat[v] + shares[t, p, 0] * (flat[v + 1] - flat[v])
-                    least = min(least, low + shares[t, p, 1] * (high - low) - np.float32(body[p, 2]))
-                    if least <= LEAST:
-                        break
-                out[r, c, t] = least
-    return out
+            x = (cos * body[p, 0] - sin * body[p, 1] + 0.5 + pad) * FINE - 0.5
+            y = (sin * body[p, 0] + cos * body[p, 1] + 0.5 + pad) * FINE - 0.5
+            i, j = int(x), int(y)
+            low, high = planes[j % FINE], planes[(j + 1) % FINE]
+            r0, r1 = j // FINE * wide, (j + 1) // FINE * wide
+            a, b, c0, c1 = i % FINE, (i + 1) % FINE, i // FINE, (i + 1) // FINE
+            _lower(
+                out[t, :size],
+                low[a, r0 + c0 : r0 + c0 + size], low[b, r0 + c1 : r0 + c1 + size],
+                high[a, r1 + c0 : r1 + c0 + size], high[b, r1 + c1 : r1 + c1 + size],
+                x - i, y - j, body[p, 2],
+            )  # fmt: skip
+    cells = out.reshape(turns, n, wide)[:, :, :n]
+    return np.ascontiguousarray(cells.transpose(1, 2, 0))
 
 
 @njit(cache=True)
@@ -278,39 +310,82 @@ def _beside(r: int, c: int, k: int, side: int, turns: int) -> tuple[int, int, in
 
 
 @njit(cache=True)
-def _solve(known: Field, r: int, c: int, k: int, slowness: float, flat: float, turn: float) -> float:
-    """Upwind solution of |grad u| = slowness at one pose, from its neighbours: infinite where not known."""
-    n, turns = known.shape[0], known.shape[2]
-    a0 = a1 = a2 = np.float32(np.inf)
-    if c > 0:
-        a0 = known[r, c - 1, k]
-    if c < n - 1:
-        a0 = min(a0, known[r, c + 1, k])
-    if r > 0:
-        a1 = known[r - 1, c, k]
-    if r < n - 1:
-        a1 = min(a1, known[r + 1, c, k])
-    if turns > 1:
-        below, above = k - 1 if k > 0 else turns - 1, k + 1 if k < turns - 1 else 0
-        a2 = min(known[r, c, below], known[r, c, above])
-    w0 = w1 = 1.0 / (flat * flat)
-    w2 = 1.0 / (turn * turn) if turns > 1 else 1.0
-    # Ascending; three swaps sort three.
+def _solve(upwind: tuple[float, float, float], slowness: float, ways: tuple[float, float, float]) -> float:
+    """Upwind solution of |grad u| = slowness at one pose.
+
+    Args:
+        upwind: What `_upwind` gives.
+        slowness: Slowness there.
+        ways: Length of a cell, length of a turn to the next heading, ratio of their squares.
+    """
+    a0, a1, a2 = upwind
+    cell, turn, ratio = ways
+    # All is scaled by the square of the cell: the weight of a row or column is 1, that of a turn the ratio.
     if a1 < a0:
         a0, a1 = a1, a0
-    if a2 < a1:
-        a1, a2, w1, w2 = a2, a1, w2, w1
-    if a1 < a0:
-        a0, a1, w0, w1 = a1, a0, w1, w0
-    value = a0 + slowness / math.sqrt(w0)
-    a, b, q = w0, w0 * a0, w0 * a0 * a0 - slowness * slowness
-    if value > a1:
-        a, b, q = a + w1, b + w1 * a1, q + w1 * a1 * a1
-        value = (b + math.sqrt(max(b * b - a * q, 0.0))) / a
-        if value > a2:
-            a, b, q = a + w2, b + w2 * a2, q + w2 * a2 * a2
-            value = (b + math.sqrt(max(b * b - a * q, 0.0))) / a
-    return float(value)
+    s = slowness * cell
+    square = s * s
+    if a2 >= a1:  # the turn comes last
+        value = a0 + s
+        if value > a1:
+            value = 0.5 * (a0 + a1 + math.sqrt(max(2.0 * square - (a1 - a0) * (a1 - a0), 0.0)))
+        if value <= a2:
+            return value
+    else:
+        high = max(a0, a2)
+        value = a0 + s if a0 <= a2 else a2 + slowness * turn
+        if value <= high:
+            return value
+        # Two of them: (u - a0)^2 + ratio (u - a2)^2 = s^2.
+        gap = a2 - a0
+        weight = 1.0 + ratio
+        root = math.sqrt(max(weight * square - ratio * gap * gap, 0.0))
+        value = (a0 + ratio * a2 + root) / weight
+        if value <= a1:
+            return value
+    # All three.
+    weight = 2.0 + ratio
+    d1, d2 = a1 - a0, a2 - a0
+    b = d1 + ratio * d2
+    root = math.sqrt(max(b * b - weight * (d1 * d1 + ratio * d2 * d2 - square), 0.0))
+    return a0 + (b + root) / weight
+
+
+@njit(cache=True)
+def closed_links(room: Field, frame: FloatArray, geometry: Geometry) -> tuple[Links, int]:
+    """Links between neighbouring poses that are not free: (n, n, T) uint8, and how many were looked at.
+
+    A bit for the link to the next pose in the row (1), in the column (2) and by a turn (4). A link is open
+    for sure where the rooms at its ends make up its length; the others are looked at, but those that end at a
+    pose that is surely blocked: they are slow enough. In a thin wall no pose is.
+
+    Args:
+        room: (n, n, T) room of the robot in cells.
+        frame: Where the cells lie.
+        geometry: What the collision kernels take.
+    """
+    n, turns = room.shape[0], room.shape[2]
+    cell, span = frame[CELL], 2.0 * math.pi / turns
+    out, looks = np.zeros(room.shape, np.uint8), 0
+    a, b = np.zeros(3 if turns > 1 else 2), np.zeros(3 if turns > 1 else 2)
+    for r in range(n):
+        for c in range(n):
+            for k in range(turns):
+                for side in range(1, 7 if turns > 1 else 5, 2):
+                    rr, cc, kk = _beside(r, c, k, side, turns)
+                    if rr >= n or cc >= n or min(room[r, c, k], room[rr, cc, kk]) <= -_SURE:
+                        continue
+                    length = 1.0 if side < 4 else geometry[0][2] / cell * span
+                    if room[r, c, k] + room[rr, cc, kk] >= length + 2.0 * _SLACK:
+                        continue
+                    a[0], a[1] = frame[ORIGIN_X] + c * cell, frame[ORIGIN_Y] + r * cell
+                    b[0], b[1] = frame[ORIGIN_X] + cc * cell, frame[ORIGIN_Y] + rr * cell
+                    if turns > 1:
+                        a[2], b[2] = k * span, kk * span
+                    looks += 1
+                    if not motion_free(a, b, geometry):
+                        out[r, c, k] |= 1 << (side >> 1)
+    return out, looks
 
 
 @njit(cache=True)
@@ -366,7 +441,13 @@ def poses_near_goal(
 
 @njit(cache=True)
 def wave(
-    slowness: Field, wanted: BoolArray, places: IntArray, values: FloatArray, frame: FloatArray
+    slowness: Field,
+    wanted: BoolArray,
+    closed: Links,
+    jump: float,
+    places: IntArray,
+    values: FloatArray,
+    frame: FloatArray,
 ) -> Field:
     """Solve |grad u| = slowness outwards from the goal by fast marching: (n, n, T) float32.
 
@@ -378,68 +459,165 @@ def wave(
     Args:
         slowness: (n, n, T) at least 1; more where a pose seems blocked; infinite where it is forbidden.
         wanted: (n, n, T) which poses the wave has to reach.
+        closed: (n, n, T) what `closed_links` gives; (0, 0, 0) where all links are open.
+        jump: What crossing a closed link takes beside its length (length).
         places: (m,) flat places of the poses where the wave begins.
         values: (m,) how far they are from the goal.
         frame: Where the cells lie, and the weight of a turn.
     """
     n, turns = slowness.shape[0], slowness.shape[2]
-    flat = frame[CELL]
-    turn = max(frame[WEIGHT] * 2.0 * math.pi / turns, 1e-9 * flat)
-    u = np.full(slowness.shape, np.float32(np.inf))
-    known = u.copy()  # of the poses that have been taken; infinite at the others
-    sides = 6 if turns > 1 else 4
-    width = _UNTIDY * (max(min(flat, turn), flat / 8.0) if turns > 1 else flat)
+    cell, turn = frame[CELL], max(frame[WEIGHT] * 2.0 * math.pi / turns, 1e-9 * frame[CELL])
+    ways = (cell, turn, (cell / turn) ** 2)
+    row = (n + 2) * turns
+    slow = _bordered(slowness, np.float32(np.inf))
+    aims = _bordered(wanted, False)
+    doors = _bordered(closed, np.uint8(0)) if closed.size else np.zeros(0, np.uint8)
+    u = np.full(slow.size, np.float32(np.inf))
+    width, longest, left = _UNTIDY * cell, cell, 0
+    if turns > 1:
+        width, longest = _UNTIDY * max(min(cell, turn), cell / 8.0), max(cell, turn)
     slowest = np.float32(1.0)
-    for item in slowness.flat:
-        slowest = max(slowest, item) if item < np.inf else slowest
-    longest = slowest * (max(flat, turn) if turns > 1 else flat)
-    buckets = min(int(longest / width) + 3, _MOST_BUCKETS)
-    first = np.full(buckets, -1, dtype=np.int32)  # of each bucket, a list
-    items = np.empty(slowness.size * (sides + 1), dtype=np.int32)
-    after, keys = np.empty(items.size, dtype=np.int32), np.empty(items.size, dtype=np.float32)
-    size = waiting = 0
-    left, last, now = 0, 0.0, 0
     for v in range(slowness.size):
-        left += 1 if wanted.flat[v] and slowness.flat[v] < np.inf else 0
+        if slowness.flat[v] < np.inf:
+            slowest = max(slowest, slowness.flat[v])
+            left += 1 if wanted.flat[v] else 0
+    longest = slowest * longest + (jump if closed.size else 0.0)
+    buckets = min(2 ** math.ceil(math.log2(longest / width + 3.0)), _MOST_BUCKETS)
+    queue = _Queue(
+        np.full(buckets, -1, dtype=np.int32),
+        np.empty(7 * slow.size, np.int32),
+        np.empty(7 * slow.size, np.int32),
+        np.empty(7 * slow.size, np.float32),
+    )
     base = values.min() if values.size else 0.0
     for i in range(places.size):
-        u.reshape(-1)[places[i]] = values[i]
+        r, c, k = places[i] // (turns * n), places[i] // turns % n, places[i] % turns
+        v = (r + 1) * row + (c + 1) * turns + k
         b = min(int((values[i] - base) / width), buckets - 1)
-        items[size], keys[size], after[size], first[b] = places[i], values[i], first[b], size
-        size += 1
-    waiting = size
+        u[v], queue.items[i], queue.keys[i] = values[i], v, values[i]
+        queue.after[i], queue.first[b] = queue.first[b], i
+    last = _march(u, slow, aims, left, doors, jump, queue, places.size, (base, width), ways, (turns, row))
+    if last < np.inf:
+        u = np.minimum(u, np.float32(last + n * cell))
+    return u.reshape((n + 2, n + 2, turns))[1:-1, 1:-1].copy()
+
+
+class _Queue(NamedTuple):
+    """Poses in buckets of arrivals, each bucket a list.
+
+    Attributes:
+        first: First entry of each bucket, -1 for none; as many buckets as a power of two.
+        after: The entry behind each entry, -1 at the end of its list.
+        items: Pose of each entry.
+        keys: Its arrival.
+    """
+
+    first: Int32s
+    after: Int32s
+    items: Int32s
+    keys: Field
+
+
+@njit(cache=True)
+def _march(
+    u: Field,
+    slow: Field,
+    aims: BoolArray,
+    left: int,
+    doors: Links,
+    jump: float,
+    queue: _Queue,
+    waiting: int,
+    scale: tuple[float, float],
+    ways: tuple[float, float, float],
+    strides: tuple[int, int],
+) -> float:
+    """Take pose after pose until ``left`` aims are reached; when the last was, infinite if not all are."""
+    first, after, items, keys = queue
+    base, width = scale
+    turns, row = strides
+    around = first.size - 1
+    size, spare, now, last = waiting, -1, 0, 0.0
+    known = np.full(u.size, np.float32(np.inf))  # of the poses that have been taken; infinite at the others
     while waiting > 0 and left > 0:
-        b = now % buckets
-        if first[b] < 0:
+        entry = first[now & around]
+        if entry < 0:
             now += 1
             continue
-        entry = first[b]
         key, v = keys[entry], items[entry]
-        first[b] = after[entry]
-        if int((key - base) / width) > now:  # it was too far ahead for the buckets
-            b = min(int((key - base) / width), now + buckets - 1) % buckets
+        first[now & around] = after[entry]
+        b = int((key - base) / width)
+        if b > now:  # it was too far ahead for the buckets
+            b = min(b, now + around) & around
             after[entry], first[b] = first[b], entry
             continue
         waiting -= 1
-        k, c, r = v % turns, v // turns % n, v // (turns * n)
-        if known[r, c, k] < np.inf or key > u[r, c, k]:
+        after[entry], spare = spare, entry
+        if known[v] < np.inf or key > u[v]:
             continue
-        known[r, c, k] = key
-        left -= 1 if wanted[r, c, k] else 0
+        known[v] = key
+        left -= 1 if aims[v] else 0
         last = max(last, key)
-        for side in range(sides):
-            rr, cc, kk = _beside(r, c, k, side, turns)
-            if 0 <= rr < n and 0 <= cc < n and known[rr, cc, kk] == np.inf:
-                value = _solve(known, rr, cc, kk, slowness[rr, cc, kk], flat, turn)
-                if value < u[rr, cc, kk]:
-                    u[rr, cc, kk] = value
-                    # Not before this bucket, and no further ahead than the buckets go round.
-                    b = min(max(int((value - base) / width), now), now + buckets - 1) % buckets
-                    items[size], keys[size] = (rr * n + cc) * turns + kk, value
-                    after[size], first[b] = first[b], size
-                    size += 1
-                    waiting += 1
-    return np.minimum(u, np.float32(last + n * flat)) if left == 0 else u
+        k = v % turns
+        for side in range(6 if turns > 1 else 4):
+            w, h = v, k
+            if side < 4:
+                w += (row if side > 1 else turns) * (2 * (side & 1) - 1)
+            else:
+                h = (k - 1 if k > 0 else turns - 1) if side == 4 else (k + 1 if k < turns - 1 else 0)
+                w += h - k
+            if slow[w] == np.inf or known[w] < np.inf:
+                continue
+            value = _solve(_upwind(known, doors, w, h, turns, row, jump), float(slow[w]), ways)
+            if value < u[w]:
+                u[w] = value
+                # Not before the bucket that is due, and no further ahead than the buckets go round.
+                b = min(max(int((value - base) / width), now), now + around) & around
+                if spare < 0:
+                    entry, size = size, size + 1
+                else:
+                    entry, spare = spare, after[spare]
+                items[entry], keys[entry] = w, value
+                after[entry], first[b] = first[b], entry
+                waiting += 1
+    return last if left == 0 else np.inf
+
+
+@njit(cache=True)
+def _bordered(values: npt.NDArray[Any], border: Any) -> npt.NDArray[Any]:
+    """Flat (n + 2, n + 2, T): with a border, so that no neighbour lies outside."""
+    n, turns = values.shape[0], values.shape[2]
+    out = np.full((n + 2, n + 2, turns), border)
+    out[1:-1, 1:-1] = values
+    return out.reshape(-1)
+
+
+@njit(cache=True)
+def _upwind(
+    known: Field, doors: Links, w: int, h: int, turns: int, row: int, jump: float
+) -> tuple[float, float, float]:
+    """The lesser known value beside a pose in its row, its column, and at the headings beside its h-th.
+
+    What a closed link takes is added; ``doors`` is empty where all are open.
+    """
+    up = w + 1 if h < turns - 1 else w + 1 - turns
+    down = w - 1 if h > 0 else w - 1 + turns
+    if doors.size == 0:
+        turned = float(min(known[down], known[up])) if turns > 1 else np.inf
+        beside = float(min(known[w - turns], known[w + turns]))
+        return beside, float(min(known[w - row], known[w + row])), turned
+    a0 = min(
+        known[w - turns] + jump * (doors[w - turns] & 1),
+        known[w + turns] + jump * (doors[w] & 1),
+    )
+    a1 = min(
+        known[w - row] + jump * (doors[w - row] >> 1 & 1),
+        known[w + row] + jump * (doors[w] >> 1 & 1),
+    )
+    a2 = np.inf
+    if turns > 1:
+        a2 = min(known[down] + jump * (doors[down] >> 2), known[up] + jump * (doors[w] >> 2))
+    return a0, a1, a2
 
 
 @njit(cache=True)
@@ -690,12 +868,47 @@ def least_room(
 
 
 @njit(cache=True)
+def _crosses(q: FloatArray, end: FloatArray, closed: Links, frame: FloatArray) -> bool:
+    """Whether the poses that a motion passes nearest are cut off from each other by closed links."""
+    n, turns = closed.shape[0], closed.shape[2]
+    turn = 0.0
+    if turns > 1:
+        turn = (end[2] - q[2]) / (2.0 * math.pi)
+        turn = turns * (turn - math.floor(turn + 0.5))
+    dx, dy = (end[0] - q[0]) / frame[CELL], (end[1] - q[1]) / frame[CELL]
+    parts = int(2.0 * max(abs(dx), abs(dy), abs(turn))) + 1
+    x, y = (q[0] - frame[ORIGIN_X]) / frame[CELL], (q[1] - frame[ORIGIN_Y]) / frame[CELL]
+    h = q[2] * turns / (2.0 * math.pi) if turns > 1 else 0.0
+    r, c, k = min(max(round(y), 0), n - 1), min(max(round(x), 0), n - 1), int(round(h) % turns)
+    for p in range(1, parts + 1):
+        t = p / parts
+        rr = min(max(round(y + t * dy), 0), n - 1)
+        cc = min(max(round(x + t * dx), 0), n - 1)
+        kk = int(round(h + t * turn) % turns)
+        # In whatever order the coordinates change, one of two ways has to be open.
+        sides = (1 if cc > c else 0, 3 if rr > r else 2)
+        row_first = (rr != r and _shut(closed, r, c, k, sides[1], turns)) or (
+            cc != c and _shut(closed, rr, c, k, sides[0], turns)
+        )
+        column_first = (cc != c and _shut(closed, r, c, k, sides[0], turns)) or (
+            rr != r and _shut(closed, r, cc, k, sides[1], turns)
+        )
+        if row_first and column_first:
+            return True
+        if kk != k and _shut(closed, rr, cc, k, 5 if (kk - k) % turns == 1 else 4, turns):
+            return True
+        r, c, k = rr, cc, kk
+    return False
+
+
+@njit(cache=True)
 def best_motion(
     q: FloatArray,
     candidates: FloatArray,
     scores: FloatArray,
     distances: Field,
     body: FloatArray,
+    closed: Links,
     frame: FloatArray,
     parts: int,
     enough: float,
@@ -712,6 +925,7 @@ def best_motion(
         scores: (m,) their scores, room left out.
         distances: (n * FINE, n * FINE) what `signed_distances` gives.
         body: (k, 3) discs that fill the robot, in cells.
+        closed: What `closed_links` gives; (0, 0, 0) where all are open. Motions through one have no room.
         frame: Where the cells lie.
         parts: Poses along a motion at which its room is looked up.
         enough: Room in cells.
@@ -724,6 +938,8 @@ def best_motion(
             break
         motion[0] = candidates[m]
         room = least_room(q, motion, distances, body, frame, parts)[0]
+        if closed.size and _crosses(q, candidates[m], closed, frame):
+            room = LEAST
         total = scores[m] + penalty * max((enough - room) / enough, 0.0)
         if total < best:
             chosen, best = m, total
@@ -770,15 +986,27 @@ def spare_room(
 
 
 @njit(cache=True)
-def blocked_on_way(q: FloatArray, field: Field, frame: FloatArray) -> int:
-    """Poses that seem blocked on the field's way from q (d,) to the goal, the one beside q left out.
+def _shut(closed: Links, r: int, c: int, k: int, side: int, turns: int) -> bool:
+    """Whether the link from a pose to the neighbour of that side is closed; see `_beside`."""
+    if closed.size == 0:
+        return False
+    if side & 1 == 0:
+        r, c, k = _beside(r, c, k, side, turns)
+    return bool(closed[r, c, k] >> (side >> 1) & 1)
 
-    From the best corner around q that seems free, always on to the neighbour of least cost-to-go. A way that
-    does not end at the goal, where the wave has not come, counts as blocked.
+
+@njit(cache=True)
+def blocked_on_way(q: FloatArray, field: Field, closed: Links, frame: FloatArray) -> int:
+    """Poses that seem blocked, and closed links, on the field's way from q (d,) to the goal.
+
+    From the best corner around q that seems free, always on to the neighbour of least cost-to-go; through a
+    closed link where there is no other. A way that does not end at the goal, where the wave has not come,
+    counts as blocked.
 
     Args:
         q: Where the way begins.
         field: (n, n, T) cost-to-go, negated where a pose seems blocked.
+        closed: What `closed_links` gives; (0, 0, 0) where all are open.
         frame: Where the cells lie.
     """
     n, turns = field.shape[0], field.shape[2]
@@ -790,17 +1018,20 @@ def blocked_on_way(q: FloatArray, field: Field, frame: FloatArray) -> int:
             r, c, t, best = a, b, h, field[a, b, h]
     blocked = 0
     while True:
-        best, rr, cc, tt = abs(field[r, c, t]), r, c, t
+        here = abs(field[r, c, t])
+        best, chosen, shut = here, -1, True
         for side in range(6 if turns > 1 else 4):
             a, b, h = _beside(r, c, t, side, turns)
-            if 0 <= a < n and 0 <= b < n and abs(field[a, b, h]) < best:
-                best, rr, cc, tt = abs(field[a, b, h]), a, b, h
-        if rr == r and cc == c and tt == t:
+            if 0 <= a < n and 0 <= b < n and abs(field[a, b, h]) < here:
+                through = _shut(closed, r, c, t, side, turns)
+                if (shut and not through) or (shut == through and abs(field[a, b, h]) < best):
+                    best, chosen, shut = abs(field[a, b, h]), side, through
+        if chosen < 0:
             away = abs((frame[GOAL] - frame[ORIGIN_X]) / frame[CELL] - c)
             away = max(away, abs((frame[GOAL + 1] - frame[ORIGIN_Y]) / frame[CELL] - r))
             return blocked if away <= _AT_GOAL else blocked + 1
-        r, c, t = rr, cc, tt
-        blocked += 1 if field[r, c, t] < 0.0 else 0
+        r, c, t = _beside(r, c, t, chosen, turns)
+        blocked += 1 if field[r, c, t] < 0.0 or shut else 0
 
 
 @njit(cache=True)
@@ -847,8 +1078,13 @@ def multiply_near(field: Field, q: FloatArray, frame: FloatArray, reach: float, 
 
 
 @njit(cache=True)
-def crowding(qs: FloatArray, points: FloatArray, reach: float, weight: float) -> FloatArray:
-    """Sum over points (p, d) of exp(-(distance / reach)^2) for each of qs (m, d): (m,)."""
+def crowding(
+    qs: FloatArray, points: FloatArray, counts: FloatArray, reach: float, weight: float
+) -> FloatArray:
+    """Sum over points (p, d) of exp(-(distance / reach)^2) for each of qs (m, d): (m,).
+
+    Points further away than `FAR` reaches add nothing; each counts as often as ``counts`` (p,) says.
+    """
     out = np.zeros(qs.shape[0])
     for m in range(qs.shape[0]):
         for p in range(points.shape[0]):
@@ -858,6 +1094,20 @@ def crowding(qs: FloatArray, points: FloatArray, reach: float, weight: float) ->
                 turn = (qs[m, 2] - points[p, 2]) / (2.0 * math.pi)
                 turn = weight * 2.0 * math.pi * (turn - math.floor(turn + 0.5))
                 square += turn * turn
-            if square < 9.0 * reach * reach:
-                out[m] += math.exp(-square / (reach * reach))
+            if square < FAR * FAR * reach * reach:
+                out[m] += counts[p] * math.exp(-square / (reach * reach))
     return out
+
+
+@njit(cache=True)
+def tie(nodes: FloatArray, parents: Int32s, edges: FloatArray, first: int) -> None:
+    """Lower the way left of nodes, in column 0, to that of their parents and the edge to them, in place.
+
+    Args:
+        nodes: (>= n, c) the nodes, parents before children.
+        parents: (n,) int32 their parents.
+        edges: (n - first,) lengths of the edges to them.
+        first: The first node to look at; not the root.
+    """
+    for i in range(first, parents.size):
+        nodes[i, 0] = min(nodes[i, 0], nodes[parents[i], 0] + edges[i - first])

@@ -98,7 +98,8 @@ class LearnedGuidance(Wavefront):
         temperature: 0 selects the largest logit; 1 draws from the softmax that was trained.
         failure_penalty: Nats that each failed expansion of a node takes from its logit; each child after the
             first takes more, and a crowd of nodes around it some, so that nothing is tried in vain forever.
-        candidates: Members of N_C(v) that a proposal looks at; more of them in a crowd.
+        candidates: Members of N_C(v) that a proposal looks at, more of them in a crowd; None for as many as
+            the search's options say.
         patience: Expansions in a row without progress after which the wave runs again.
 
     Raises:
@@ -115,7 +116,7 @@ class LearnedGuidance(Wavefront):
         *,
         temperature: float = 0.0,
         failure_penalty: float = 0.3,
-        candidates: int = 256,
+        candidates: int | None = None,
         patience: int = 12,
     ) -> None:
         self.agent = agent if isinstance(agent, LearnedAgent) else load_named(str(agent))

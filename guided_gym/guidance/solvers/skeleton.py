@@ -19,6 +19,9 @@ from guided_gym.kernels.anchors import nearest_segments
 from guided_gym.structures.shortest_paths import graph_from_edges
 
 _SAMPLES_PER_DIAGONAL = 200  # boundary samples along a line as long as the workspace's diagonal
+_ALONG = 0.02  # of its length by which the clearance of an edge falls that runs along the boundary
+_FINER = 4  # samples twice as dense each time, where the skeleton is not what it must be
+_SAME = 1e-6  # spacings by which two samples are one
 _PRUNE = 1.5  # a dead end nearer to the boundary than this many sample spacings is an artefact of sampling
 
 
@@ -27,15 +30,35 @@ def skeleton_graph(environment: Environment) -> nx.Graph:
     """The medial axis as a networkx graph: ``pos`` (x, y) and ``clearance`` per vertex, ``length`` per edge.
 
     Vertices of the Voronoi diagram of samples of the boundary, joined where the Voronoi edge lies in the
-    free space; dead ends that run into the boundary (into corners, and between samples) are pruned.
+    free space; dead ends that run into the boundary (into corners, and between samples) are pruned. Where it
+    does not have a part for each part of the free space and a loop around each hole, it is drawn finer.
 
     Raises:
         InvalidInputError: The free workspace is too small for a skeleton.
     """
     free = environment.free_space
+    parts = [part for part in shapely.get_parts(free) if part.area > 0]
+    holes = sum(len(part.interiors) for part in parts)
     spacing = environment.extent / _SAMPLES_PER_DIAGONAL
-    boundary = shapely.segmentize(free.boundary, spacing)
-    sites = shapely.MultiPoint(np.unique(shapely.get_coordinates(boundary), axis=0))
+    best, least = nx.Graph(), len(parts) + holes
+    for _ in range(_FINER if parts else 0):
+        graph = _drawn(environment, free, spacing)
+        components = nx.number_connected_components(graph)
+        loops = graph.number_of_edges() - len(graph) + components
+        wrong = abs(components - len(parts)) + abs(loops - holes)
+        if wrong < least:
+            best, least = graph, wrong
+        if wrong == 0:
+            break
+        spacing /= 2
+    if best.number_of_edges() == 0:
+        raise InvalidInputError("the free workspace is too small for a medial axis: no skeleton edge is left")
+    return best
+
+
+def _drawn(environment: Environment, free: shapely.Geometry, spacing: float) -> nx.Graph:
+    """The skeleton by samples of the boundary that are so far apart."""
+    sites = shapely.MultiPoint(np.unique(_boundary_samples(free, spacing), axis=0))
     cells = shapely.voronoi_polygons(sites, only_edges=True)
     lines = shapely.get_parts(cells)
     if shapely.get_type_id(lines[0]) != shapely.GeometryType.LINESTRING:
@@ -48,6 +71,32 @@ def skeleton_graph(environment: Environment) -> nx.Graph:
     inside = shapely.contains_properly(free, shapely.linestrings(np.stack([tails, heads], axis=1)))
     tails, heads = tails[inside], heads[inside]
     return _pruned(_graph_of(tails, heads, environment), _PRUNE * spacing)
+
+
+def _boundary_samples(free: shapely.Geometry, spacing: float) -> NDArray[np.float64]:
+    """Points on the boundary, at most ``spacing`` apart; and across narrow gaps, what they face.
+
+    Where two walls are closer than the samples, the Voronoi diagram has its way between them only if samples
+    face each other: the edge between a point and its foot on the other wall is the middle line.
+    """
+    samples = shapely.get_coordinates(shapely.segmentize(free.boundary, spacing))
+    rings = [shapely.get_coordinates(ring) for ring in shapely.get_rings(shapely.get_parts(free))]
+    tails, heads = np.concatenate([r[:-1] for r in rings]), np.concatenate([r[1:] for r in rings])
+    walls = shapely.STRtree(shapely.linestrings(np.stack([tails, heads], axis=1)))
+    points, near = walls.query(shapely.points(samples), predicate="dwithin", distance=2 * spacing)
+    p, a, b = samples[points], tails[near], heads[near]
+    along = b - a
+    t = np.einsum("ij,ij->i", p - a, along) / np.einsum("ij,ij->i", along, along)
+    feet = a + np.clip(t, 0, 1)[:, None] * along
+    away = np.hypot(*(feet - p).T)
+    # A foot at an angle is round a corner: it faces nobody.
+    aslant = np.abs(np.einsum("ij,ij->i", feet - p, along)) / np.hypot(*along.T)
+    facing = (away > _SAME * spacing) & (aslant <= 1e-6 * away)
+    facing[facing] = shapely.contains_xy(free, *((p + feet)[facing] / 2).T)
+    feet = feet[facing]
+    known = shapely.STRtree(shapely.points(samples))
+    seen, _ = known.query(shapely.points(feet), predicate="dwithin", distance=_SAME * spacing)
+    return np.concatenate([samples, np.delete(feet, seen, axis=0)])
 
 
 def _graph_of(tails: NDArray[np.float64], heads: NDArray[np.float64], environment: Environment) -> nx.Graph:
@@ -68,18 +117,25 @@ def _graph_of(tails: NDArray[np.float64], heads: NDArray[np.float64], environmen
 
 
 def _pruned(graph: nx.Graph, reach: float) -> nx.Graph:
-    """Shorten dead ends until they end ``reach`` away from the boundary, or are gone."""
+    """Shorten dead ends until they end ``reach`` away from the boundary, or run along it, or are gone."""
     leaves = [v for v in graph if graph.degree(v) <= 1]
     while leaves:
         v = leaves.pop()
         if v not in graph or graph.degree(v) > 1 or graph.nodes[v]["clearance"] >= reach:
             continue
         neighbours = list(graph[v])
+        if neighbours and not _runs_in(graph, v, neighbours[0]):
+            continue
         graph.remove_node(v)
         leaves.extend(u for u in neighbours if graph.degree(u) <= 1)
-    if graph.number_of_edges() == 0:
-        raise InvalidInputError("the free workspace is too small for a medial axis: no skeleton edge is left")
     return graph
+
+
+def _runs_in(graph: nx.Graph, leaf: int, neighbour: int) -> bool:
+    """Whether an edge runs into the boundary: in a corner, clearance falls the faster, the wider it is."""
+    clearance = graph.nodes(data="clearance")
+    fall = float(clearance[neighbour] - clearance[leaf])
+    return fall > _ALONG * float(graph.edges[leaf, neighbour]["length"])
 
 
 @lru_cache(maxsize=64)

@@ -1,15 +1,16 @@
 """A grid of poses (x, y[, theta]) with the robot's room at each, and waves from the goal through it.
 
 The wave's arrival is a cost-to-go field: the planning layer of the learned guidance, and the heuristic of
-`guided_gym.guidance.wavefront`. All is made from a raster of the workspace; no pose or motion is checked for
-collision.
+`guided_gym.guidance.wavefront`. It is made from a raster of the workspace. Checked for collision are only the
+motions to the goal, and those between poses of the grid by which a thin robot could jump over a wall unseen.
 """
 
 from __future__ import annotations
 
 import math
 from collections import OrderedDict
-from dataclasses import dataclass
+from dataclasses import dataclass, field
+from functools import lru_cache
 from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
@@ -22,7 +23,8 @@ from guided_gym.geometry.environment import Environment
 from guided_gym.geometry.robots import Robot
 from guided_gym.geometry.space import ConfigurationSpace
 from guided_gym.guidance.solvers.base import Query, Valid
-from guided_gym.kernels import fields
+from guided_gym.kernels import collision, fields
+from guided_gym.kernels.collision import Geometry
 
 if TYPE_CHECKING:
     from guided_gym.problems import Problem
@@ -40,6 +42,7 @@ _KEPT: Final = 8  # problems whose fields are kept
 _RUNS_A_RAISE: Final = 4  # runs over poses that turn, after each so many of which one more rise has to come
 
 
+@lru_cache(maxsize=64)
 def body_discs(robot: Robot, spacing: float) -> FloatArray:
     """(k, 3) discs x, y, radius that fill the robot's outline: points along it and the largest inside.
 
@@ -75,6 +78,21 @@ def _inner_discs(outline: shapely.Polygon, spacing: float) -> FloatArray:
     return np.array(chosen, np.float64).reshape(-1, 3)
 
 
+@lru_cache(maxsize=64)
+def _least_width(robot: Robot) -> float:
+    """Of the robot's convex pieces, the least width.
+
+    What lies between two poses that are less apart is met by the body at one of them, but for what only a
+    corner would touch. A body that is thinner may jump over a wall.
+    """
+    widths = [0.0 if len(piece) < 3 else math.inf for piece in robot.pieces]
+    for piece in robot.pieces:
+        for side in np.roll(piece, -1, axis=0) - piece:
+            across = piece @ np.array([-side[1], side[0]]) / max(math.hypot(*side), 1e-300)
+            widths.append(float(np.ptp(across)))
+    return min(widths)
+
+
 def _edges(environment: Environment) -> FloatArray:
     union = environment.obstacle_union
     polygons = getattr(union, "geoms", [union])
@@ -96,6 +114,10 @@ class PoseGrid:
         workspace: (n, n) room of a point in cells.
         distances: Samples of the distance to the nearest obstacle, in cells, finer than the grid.
         body: (k, 3) discs that fill the robot, in cells.
+        closed: (n, n, T) links between poses that are not free (see `fields.closed_links`); (0, 0, 0) where
+            none can be.
+        link_looks: How many links were checked for collision.
+        geometry: What the collision kernels take; None if it is not at hand, as in a lesson from a file.
     """
 
     frame: FloatArray
@@ -104,6 +126,9 @@ class PoseGrid:
     workspace: Field
     distances: Field
     body: FloatArray
+    closed: NDArray[np.uint8] = field(default_factory=lambda: np.zeros((0, 0, 0), np.uint8))
+    link_looks: int = 0
+    geometry: Geometry | None = None
 
     @classmethod
     def of(cls, space: ConfigurationSpace, cells: int, headings: int) -> PoseGrid:
@@ -136,7 +161,12 @@ class PoseGrid:
         room = fields.robot_clearances(distances, body, space.robot.radius / cell, turns)
         fine = fields.FINE
         blocks = distances.reshape(cells, fine, cells, fine)[:, fine // 2 - 1 :, :, fine // 2 - 1 :]
-        return cls(frame, side, room, blocks[:, :2, :, :2].mean(axis=(1, 3)), distances, body)
+        workspace = blocks[:, :2, :, :2].mean(axis=(1, 3))
+        if _least_width(space.robot) >= max(cell, 2.0 * math.pi / turns * space.robot.radius):
+            links = np.zeros((0, 0, 0), np.uint8), 0
+        else:
+            links = fields.closed_links(room, frame, space.geometry)
+        return cls(frame, side, room, workspace, distances, body, *links, space.geometry)
 
     def towards(self, goal: FloatArray) -> FloatArray:
         """The frame with a goal in it."""
@@ -147,21 +177,29 @@ class PoseGrid:
     def beginnings(self, frame: FloatArray) -> tuple[NDArray[np.int64], FloatArray]:
         """Where the wave begins: flat places (m,) of poses near the goal, and their distance to it (m,).
 
-        Those from which the straight motion to the goal surely has room; if there is none, the likeliest.
+        Those from which the straight motion to the goal is free; if there is none, the likeliest.
         """
         places, poses = fields.poses_near_goal(self.room.shape, frame, _NEAR_GOAL)
         goal = frame[fields.GOAL : fields.GOAL + (3 if self.room.shape[2] > 1 else 2)]
         ends = np.ascontiguousarray(poses[:, : goal.size])
-        spare = fields.spare_room(goal, ends, self.distances, self.body, frame, _SURE_PARTS)
-        chosen = spare >= 0.0 if (spare >= 0.0).any() else spare == spare.max()
+        chosen = np.zeros(len(ends), np.bool_)
+        if self.geometry is not None:
+            chosen = collision.motions_free(np.repeat(goal[None], len(ends), axis=0), ends, self.geometry)
+        if not chosen.any():
+            spare = fields.spare_room(goal, ends, self.distances, self.body, frame, _SURE_PARTS)
+            chosen = spare >= 0.0 if (spare >= 0.0).any() else spare == spare.max()
         distances = [fields.goal_distance(x, y, theta, frame) for x, y, theta in poses[chosen].tolist()]
         return places[chosen], np.array(distances)
+
+    def looks(self, frame: FloatArray) -> int:
+        """How many motions have been checked for collision: those of links, and those to the goal."""
+        return self.link_looks + len(fields.poses_near_goal(self.room.shape, frame, _NEAR_GOAL)[0])
 
     def best_motion(
         self, q: FloatArray, candidates: FloatArray, scores: FloatArray, enough: float, penalty: float
     ) -> int:
         """The candidate of the least score; each ``enough`` cells of room that it lacks cost ``penalty``."""
-        raster = (self.distances, self.body, self.frame, _MOTION_PARTS)
+        raster = (self.distances, self.body, self.closed, self.frame, _MOTION_PARTS)
         return int(fields.best_motion(q, candidates, scores, *raster, enough, penalty))
 
     def least_room(self, q: FloatArray, candidates: FloatArray) -> FloatArray:
@@ -227,7 +265,11 @@ class WaveModel:
         """(n, n, T) when the wave from the goal arrives, and which poses seem free."""
         logits = self.free(grid)
         slowness = self.slowness(grid, logits, effort)
-        return fields.wave(slowness, logits >= 0, *grid.beginnings(frame), frame), logits > 0
+        jump = self.blocked * float(frame[fields.CELL])
+        return (
+            fields.wave(slowness, logits >= 0, grid.closed, jump, *grid.beginnings(frame), frame),
+            logits > 0,
+        )
 
     def evaluate(self, grid: PoseGrid, goal: FloatArray, effort: Field | None = None) -> CostField:
         """The cost-to-go field for a goal.
@@ -271,13 +313,13 @@ class WaveModel:
         cells = self.cells
         for finer in range(_FINER):
             grid = PoseGrid.of(space, cells, self.headings)
-            field = self.evaluate(grid, goal)
+            found = self.evaluate(grid, goal)
             if not self.plans or finer == _FINER - 1:
                 break
-            if not fields.blocked_on_way(start, field.values, field.frame):
+            if not fields.blocked_on_way(start, found.values, grid.closed, found.frame):
                 break
             cells = max(cells * 3 // 2 // 8 * 8, cells + 8)
-        return grid, field
+        return grid, found
 
 
 class Wave:
@@ -295,11 +337,11 @@ class Wave:
         InvalidInputError: An option that is out of range.
     """
 
+    looks: int
+
     def __init__(self, *, cells: int = 56, headings: int = 16, blocked: float = 300.0) -> None:
         check_grid(cells, headings)
         self._model = WaveModel(cells, headings, number("blocked", blocked, least=1))
-
-    looks = 0
 
     def begin(self, query: Query, rng: np.random.Generator, step: float) -> None:
         """Run the wave for a query; see `CostToGo`.
@@ -314,6 +356,7 @@ class Wave:
         self._space = query.space
         self._grid, self._field = self._model.solve_query(query.space, query.start, query.goal)
         frame, logits = self._field.frame, self._model.free(self._grid)
+        self.looks = self._grid.looks(frame)
         self._free = logits > 0
         self._sources = self._grid.beginnings(frame)
         self._arrival = np.abs(self._field.values)
@@ -359,8 +402,8 @@ class Wave:
     def raise_near(self, state: FloatArray, reach: float, factor: float) -> None:
         """Make the poses within ``reach``, and the nearest in any case, ``factor`` times slower."""
         q = np.ascontiguousarray(state)
-        for field in (self._slowness, self._effort):
-            fields.multiply_near(field, q, self._field.frame, reach, factor)
+        for factors in (self._slowness, self._effort):
+            fields.multiply_near(factors, q, self._field.frame, reach, factor)
         self._waiting += 1
 
     def inspect(self, state: FloatArray, reach: float, valid: Valid) -> None:
@@ -375,7 +418,8 @@ class Wave:
         flat = self._grid.room.shape[2] == 1
         if self._waiting <= (0 if flat else self._runs // _RUNS_A_RAISE):
             return
-        arrival = fields.wave(self._slowness, self._free, *self._sources, self._field.frame)
+        frame, jump = self._field.frame, self._model.blocked * float(self._field.frame[fields.CELL])
+        arrival = fields.wave(self._slowness, self._free, self._grid.closed, jump, *self._sources, frame)
         self._arrival = np.maximum(arrival, self._arrival)  # the wave's queue is a little untidy
         self._waiting, self._upheld = 0, 0
         self._runs += 1

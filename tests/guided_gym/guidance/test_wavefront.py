@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import time
 from collections.abc import Callable
 
 import numpy as np
@@ -15,7 +16,9 @@ from guided_gym.errors import InvalidInputError
 from guided_gym.geometry.environment import Environment
 from guided_gym.geometry.robots import Robot
 from guided_gym.guidance.registry import make_guidance
+from guided_gym.guidance.solvers import wave
 from guided_gym.guidance.wavefront import Wavefront
+from guided_gym.options import SearchOptions
 from guided_gym.planning import SearchResult, guided_search
 from guided_gym.problems import Problem, Task
 from guided_gym.randomness import streams
@@ -24,9 +27,10 @@ from guided_gym.search.search import NO_NODE, Expansion, Search
 Walled = Callable[[str], Problem]
 
 
-@pytest.fixture(scope="module")
-def string() -> Problem:
-    """A wall with two gaps. Across the near one hangs a string too thin for the raster."""
+@pytest.fixture
+def string(monkeypatch: pytest.MonkeyPatch) -> Problem:
+    """A wall with two gaps. Across the near one hangs a string too thin for the raster, which is not told."""
+    monkeypatch.setattr(wave, "_least_width", lambda robot: np.inf)
     obstacles = (
         shapely.box(4.8, 0, 5.2, 4.5),
         shapely.box(4.999, 4.4, 5.001, 5.6),
@@ -223,7 +227,7 @@ def test_propose__looks_at_more_candidates_in_a_crowd(room: Problem, monkeypatch
 
 def test_propose__goes_for_the_goal_in_the_open_and_along_a_wall(walled: Walled) -> None:
     problem = walled("point")
-    search, guidance = begun(problem, (4.3, 5.0), (6.0, 5.0))
+    search, guidance = begun(problem, (4.3, 5.0), (6.0, 5.0), candidates=256)
     step = search.planner.step
     on = guidance.propose(search.tree, 2)
     assert on[0] > 6.0 + 0.9 * step
@@ -250,6 +254,69 @@ def test_a_tree_far_larger_than_its_buffers(room: Problem) -> None:
         search.tree.add(q, 0, 1.0)
     assert guidance.values(search.tree).shape == (1501,)
     assert guidance.propose(search.tree, 1500).shape == (2,)
+
+
+def test_propose__looks_at_as_many_candidates_as_the_search_says(room: Problem) -> None:
+    for told, options, count in ((None, 7, 7), (5, 7, 5), (None, None, 16)):
+        searching = SearchOptions() if options is None else SearchOptions(candidates=options)
+        search = Search(room, *streams(0)[1:], searching)
+        guidance = Wavefront(candidates=told)
+        search.attach(guidance)
+        state = search.planner.rng.bit_generator.state
+        guidance.propose(search.tree, 0)
+        after = search.planner.rng.bit_generator.state
+        search.planner.rng.bit_generator.state = state
+        search.planner.candidates(search.tree.configurations[0], count)
+        assert search.planner.rng.bit_generator.state == after
+
+
+@pytest.mark.parametrize("thickness", [0.5, 0.15, 0.02, 1e-3, 1e-4])
+@pytest.mark.parametrize("robot", [Robot.point(), Robot.segment(0.2), Robot.rectangle(0.3, 0.01)])
+def test_a_wall_however_thin_is_gone_around(robot: Robot, thickness: float) -> None:
+    wall = shapely.box(4.96 - thickness / 2, -1, 4.96 + thickness / 2, 9)
+    turn = (0.3,) * (robot.dimension - 2)
+    problem = Problem(robot, Environment((0, 0, 10, 10), (wall,)), Task((3, 1, *turn), (7, 1, *turn)))
+    runs = [searched(problem, 60, seed, candidates=256) for seed in range(2)]
+    assert max(run.samples for run in runs) <= 40
+    assert (
+        min(run.samples for run in runs) <= 20
+    )  # there and back, 16 long, by steps of 0.7: 23 without sight
+
+
+@pytest.mark.parametrize("scale", [1e-9, 1e-6, 1e6])
+def test_the_unit_of_length_does_not_matter(scale: float) -> None:
+    def scaled(by: float) -> SearchResult:
+        walls = tuple(shapely.box(a * by, b * by, c * by, d * by) for a, b, c, d in [(4, -1, 5, 8)])
+        environment = Environment((0, 0, 8 * by, 10 * by), walls)
+        robot = Robot.rectangle(0.8 * by, 0.3 * by)
+        task = Task((2 * by, 2 * by, 0), (7 * by, 2 * by, 1))
+        return searched(Problem(robot, environment, task), 200)
+
+    one, other = scaled(1.0), scaled(scale)
+    assert one.solved and other.solved
+    assert other.samples == pytest.approx(one.samples, abs=6)
+    assert other.length / scale == pytest.approx(one.length, rel=0.15)
+
+
+@pytest.mark.parametrize("clearance", [1e-1, 1e-3, 3e-5])
+@pytest.mark.parametrize("tolerance", [0.05, 0.005])
+def test_a_region_around_a_goal_without_room_is_reached(clearance: float, tolerance: float) -> None:
+    wall = shapely.box(1.0 + clearance, 0.5, 1.3, 1.5)
+    problem = Problem(Robot.point(), Environment((0, 0, 2, 2), (wall,)), Task((0.3, 0.4), (1.0, 1.0)))
+    runs = [searched(problem.ending(tolerance, by_edge=False), 400, seed) for seed in range(3)]
+    assert all(run.solved for run in runs)
+    assert max(run.samples for run in runs) <= 60
+
+
+def test_a_long_search_in_vain_does_not_slow_down(closed: Problem) -> None:
+    search, guidance = begun(closed)
+    seconds = []
+    for _ in range(2):
+        began = time.process_time()
+        search.run(guidance, search.samples + 150)
+        seconds.append(time.process_time() - began)
+        search.run(guidance, 1700)
+    assert seconds[1] < 3 * seconds[0] + 0.1
 
 
 @pytest.mark.parametrize(

@@ -11,6 +11,7 @@ import shapely
 from guided_gym.kernels import fields
 from guided_gym.kernels.fields import FINE
 
+OPEN = np.zeros((0, 0, 0), np.uint8)  # links
 N = 32
 UNIT = np.array([0.0, 0.0, 1.0, 1.0])
 
@@ -24,7 +25,7 @@ def waved(slowness: np.ndarray, frame: np.ndarray) -> np.ndarray:
     """A wave from the poses around the goal, as if nothing were in between."""
     places, poses = fields.poses_near_goal(slowness.shape, frame, 2)
     values = np.array([fields.goal_distance(*pose, frame) for pose in poses])
-    return fields.wave(slowness.astype(np.float32), slowness <= 2, places, values, frame)
+    return fields.wave(slowness.astype(np.float32), slowness <= 2, OPEN, 0.0, places, values, frame)
 
 
 def square(x0: float, y0: float, x1: float, y1: float) -> np.ndarray:
@@ -149,7 +150,7 @@ def test_wave__goes_round_a_wall_and_is_slow_through_it() -> None:
 def test_wave__begins_where_it_is_told() -> None:
     places, frame = np.array([3 * N + 5, 30 * N + 30]), frame_of()
     ones = np.ones((N, N, 1), np.float32)
-    found = fields.wave(ones, ones > 0, places, np.array([2.0, 2.5]), frame)[..., 0]
+    found = fields.wave(ones, ones > 0, OPEN, 0.0, places, np.array([2.0, 2.5]), frame)[..., 0]
     assert found[3, 5] == found.min() == 2.0
     assert found[30, 30] == 2.5
     assert found[3, 15] == pytest.approx(2.0 + 10 / N)
@@ -236,27 +237,27 @@ def walled_field(gap: slice, turns: int = 1) -> np.ndarray:
 @pytest.mark.parametrize("turns", [1, 8])
 def test_blocked_on_way__counts_what_a_wall_blocks(turns: int) -> None:
     q, frame = np.array([0.1, 0.5, 1.0])[: 2 if turns == 1 else 3], frame_of(weight=0.1, goal=(0.9, 0.5, 0.0))
-    assert fields.blocked_on_way(q, walled_field(slice(0, 0), turns), frame) == 1
-    assert fields.blocked_on_way(q, walled_field(slice(28, 31), turns), frame) == 0
+    assert fields.blocked_on_way(q, walled_field(slice(0, 0), turns), OPEN, frame) == 1
+    assert fields.blocked_on_way(q, walled_field(slice(28, 31), turns), OPEN, frame) == 0
     behind = np.array([0.7, 0.5, 1.0])[: q.size]
-    assert fields.blocked_on_way(behind, walled_field(slice(0, 0), turns), frame) == 0
+    assert fields.blocked_on_way(behind, walled_field(slice(0, 0), turns), OPEN, frame) == 0
 
 
 def test_blocked_on_way__leaves_out_where_it_begins() -> None:
     field = walled_field(slice(0, 0))
     frame = frame_of(goal=(0.9, 0.5, 0.0))
     between = np.array([frame[0] + 14.5 * frame[2], 0.5])
-    assert fields.blocked_on_way(between, -np.abs(field), frame) > 10  # all seems blocked
+    assert fields.blocked_on_way(between, -np.abs(field), OPEN, frame) > 10  # all seems blocked
     field[:, :14] *= -1  # blocked far to the left only
     beside = np.array([frame[0] + 15.5 * frame[2], 0.5])  # among the wall and what is free behind it
-    assert fields.blocked_on_way(beside, field, frame) == 0
+    assert fields.blocked_on_way(beside, field, OPEN, frame) == 0
 
 
 def test_blocked_on_way__counts_a_way_that_the_wave_has_not_come() -> None:
     frame = frame_of(goal=(0.9, 0.5, 0.0))
     field = np.full((N, N, 1), 9.0, np.float32)
-    assert fields.blocked_on_way(np.array([0.1, 0.5]), field, frame) == 1
-    assert fields.blocked_on_way(np.array([0.9, 0.5]), field, frame) == 0
+    assert fields.blocked_on_way(np.array([0.1, 0.5]), field, OPEN, frame) == 1
+    assert fields.blocked_on_way(np.array([0.9, 0.5]), field, OPEN, frame) == 0
 
 
 def test_add_effort__is_the_gain_at_a_point_and_nothing_far_off() -> None:
@@ -300,7 +301,7 @@ def test_add_effort__at_the_rim_and_for_a_robot_that_cannot_turn() -> None:
 def test_crowding__is_one_at_a_point_and_nothing_far_off() -> None:
     points = np.array([[0.0, 0.0, math.pi - 0.01]])
     q = np.array([[0.0, 0.0, -math.pi + 0.01], [2.0, 0.0, 0.0]])
-    near, far = fields.crowding(q, points, 0.5, 0.1)
+    near, far = fields.crowding(q, points, np.array([1.0]), 0.5, 0.1)
     assert near == pytest.approx(1.0, abs=1e-3)
     assert far == 0.0
 

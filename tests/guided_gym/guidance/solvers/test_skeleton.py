@@ -97,7 +97,7 @@ def test_skeleton__does_not_depend_on_the_unit_of_length(scale: float) -> None:
 
 
 def test_skeleton__says_when_there_is_no_room() -> None:
-    full = Environment((0.0, 0.0, 10.0, 10.0), (shapely.box(0, 0, 10, 9.99),))
+    full = Environment((0.0, 0.0, 10.0, 10.0), (shapely.box(-1, -1, 11, 11),))
     with pytest.raises(InvalidInputError, match="too small"):
         skeleton_graph(full)
 
