@@ -17,7 +17,7 @@ from guided_gym.checks import flag, instance, number
 from guided_gym.errors import InvalidInputError
 from guided_gym.geometry.environment import Environment
 from guided_gym.geometry.robots import Robot
-from guided_gym.geometry.space import ConfigurationSpace
+from guided_gym.geometry.space import LARGEST_ANGLE, ConfigurationSpace
 
 
 @dataclass(frozen=True, eq=False)
@@ -115,6 +115,10 @@ class Problem:
                     f"{self.name}: {label} {q.tolist()} is out of bounds "
                     f"{space.lower.tolist()} to {space.upper.tolist()}"
                 )
+            if space.dimension == 3 and abs(q[2]) >= LARGEST_ANGLE:
+                raise InvalidInputError(
+                    f"{self.name}: {label} has the heading {q[2]:g}; expected one below {LARGEST_ANGLE:g}"
+                )
             if not space.valid(q):
                 raise InvalidInputError(
                     f"{self.name}: {label} {q.tolist()} is {self._trouble(q)}; expected a free pose"
@@ -125,10 +129,23 @@ class Problem:
         object.__setattr__(self, "task", task)
 
     def _trouble(self, q: NDArray[np.float64]) -> str:
-        """Whether a pose that is not valid hits an obstacle or the bounds."""
-        bounds = shapely.box(*self.environment.bounds)
-        inside = bounds.contains_properly(self.robot.placed(q))
-        return "in collision" if inside else f"touching or crossing the bounds {self.environment.bounds}"
+        """What is wrong with a pose that is not valid: the bound or obstacle that it comes too near to."""
+        xmin, ymin, xmax, ymax = self.environment.bounds
+        tolerance, placed = self.space.tolerance, self.robot.placed(q)
+        left, bottom, right, top = placed.bounds
+        gaps = {"xmin": left - xmin, "ymin": bottom - ymin, "xmax": xmax - right, "ymax": ymax - top}
+        side = min(gaps, key=lambda name: gaps[name])
+        bounds, bound = self.environment.bounds, dict(zip(gaps, self.environment.bounds, strict=True))[side]
+        if gaps[side] <= 0:
+            return f"touching or crossing the bounds {bounds} at {side} = {bound:g}"
+        near = f"away, nearer than the collision tolerance {tolerance:.3g}"
+        if gaps[side] <= 1.001 * tolerance:
+            return f"touching the bounds {bounds}: {side} = {bound:g} is {gaps[side]:.3g} {near}"
+        distances = shapely.distance(placed, np.array(self.environment.obstacles, dtype=object))
+        nearest = int(np.argmin(distances)) if len(distances) else 0
+        if len(distances) and distances[nearest] > 0:
+            return f"in collision: obstacle {nearest} is {distances[nearest]:.3g} {near}"
+        return f"in collision with obstacle {nearest}"
 
     @cached_property
     def space(self) -> ConfigurationSpace:

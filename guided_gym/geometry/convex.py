@@ -2,28 +2,47 @@
 
 from __future__ import annotations
 
-import itertools
-import math
-from collections.abc import Iterable
+from collections.abc import Sequence
+from typing import NamedTuple
 
 import numpy as np
 import numpy.typing as npt
 import shapely
 
 from guided_gym.errors import InvalidInputError
+from guided_gym.kernels.convex import convex_rings, merge_triangles
 
 FloatArray = npt.NDArray[np.float64]
-Vertex = tuple[float, float]
-Diagonal = tuple[Vertex, Vertex, int, int]
-
-_COLLINEAR = 1e-13
-"""Sine below which three vertices count as collinear: a sagitta far below every collision tolerance."""
+IntArray = npt.NDArray[np.int64]
 
 _LOST_AREA = 1e-9
 """Part of a polygon's area that rounding may cost its triangulation; more would be a hole in an obstacle."""
 
-_MANY_DIAGONALS = 16
-"""Beyond this many diagonals, fewer orders of dropping them are tried."""
+
+class Pieces(NamedTuple):
+    """Convex pieces: one vertex for a point, two for a segment, counter-clockwise vertices for a polygon."""
+
+    vertices: FloatArray  # [n, 2] float64, of all pieces, one piece after the other (length)
+    ends: IntArray  # [p] int64, where each piece ends in the vertices
+
+    @property
+    def starts(self) -> IntArray:
+        """Where each piece begins in the vertices (p,)."""
+        starts = np.zeros_like(self.ends)
+        starts[1:] = self.ends[:-1]
+        return starts
+
+    def arrays(self) -> list[FloatArray]:
+        """The pieces apart, (V, 2) each."""
+        return np.split(self.vertices, self.ends[:-1]) if len(self.ends) else []
+
+    def taken(self, order: IntArray) -> Pieces:
+        """These pieces in another order, or some of them."""
+        starts = self.starts
+        sizes = (self.ends - starts)[order]
+        ends = np.cumsum(sizes)
+        rows = np.arange(ends[-1] if len(ends) else 0) + np.repeat(starts[order] - (ends - sizes), sizes)
+        return Pieces(self.vertices[rows], ends)
 
 
 def convex_pieces(shape: shapely.Geometry) -> list[FloatArray]:
@@ -42,170 +61,87 @@ def convex_pieces(shape: shapely.Geometry) -> list[FloatArray]:
     Raises:
         InvalidInputError: The polygon is so nearly degenerate that its triangulation loses area.
     """
+    return cover(shape).arrays()
+
+
+def cover(shape: shapely.Geometry) -> Pieces:
+    """`convex_pieces` in one array."""
     if isinstance(shape, shapely.Point):
-        return [np.array([[shape.x, shape.y]])]
+        return Pieces(np.array([[shape.x, shape.y]]), np.array([1]))
     if isinstance(shape, shapely.LineString):
-        line = np.array(shape.coords)[:, :2]
-        return [np.array(line[i : i + 2]) for i in range(len(line) - 1)]
-    if isinstance(shape, shapely.MultiPolygon):
-        return [piece for part in shape.geoms for piece in convex_pieces(part)]
-    ring = _without_collinear(
-        [(x, y) for x, y, *_ in shapely.remove_repeated_points(shape).exterior.coords[:-1]]
-    )
-    if not shapely.get_num_interior_rings(shape):
-        ring = ring if _signed_area(ring) > 0 else ring[::-1]
-        if _is_convex(ring):
-            return [np.array(ring)]
-    triangles = _triangles(shape)
-    covered = sum(_signed_area(triangle) for triangle in triangles)
-    if not abs(covered - shape.area) <= _LOST_AREA * shape.area:
-        raise InvalidInputError(
-            f"expected a polygon that can be triangulated, got one of area {shape.area:.9g} of which "
-            f"the triangles cover {covered:.9g} (are some of its vertices almost on its edges?)"
-        )
-    return [np.array(piece) for piece in _merge_triangles(triangles)]
+        line = shapely.get_coordinates(shapely.remove_repeated_points(shape))
+        ends = np.arange(2, 2 * len(line), 2)
+        return Pieces(np.repeat(line, 2, axis=0)[1:-1], ends)
+    return cover_polygons([shape] if isinstance(shape, shapely.Polygon) else shapely.get_parts([shape]))
 
 
-def _triangles(polygon: shapely.Polygon) -> list[list[Vertex]]:
-    """Constrained Delaunay triangles of the polygon, counter-clockwise."""
-    collection = shapely.constrained_delaunay_triangles(shapely.remove_repeated_points(polygon))
-    triangles = []
-    for triangle in collection.geoms:
-        corners: list[Vertex] = [(x, y) for x, y, *_ in triangle.exterior.coords[:3]]
-        triangles.append(corners if _signed_area(corners) > 0 else corners[::-1])
-    return triangles
+def cover_polygons(polygons: Sequence[shapely.Polygon] | npt.NDArray[np.object_]) -> Pieces:
+    """`convex_pieces` of many polygons at once, in their order.
 
-
-def _merge_triangles(triangles: list[list[Vertex]]) -> list[list[Vertex]]:
-    """The fewest convex pieces that dropping diagonals in one of several orders leaves."""
-    diagonals = _diagonals(triangles)
-    orders = [diagonals, diagonals[::-1]]
-    if len(diagonals) <= _MANY_DIAGONALS:
-        orders += [diagonals[i:] + diagonals[:i] for i in range(1, len(diagonals))]
-    return min((_dropped(triangles, order) for order in orders), key=len)
-
-
-def _dropped(triangles: list[list[Vertex]], diagonals: list[Diagonal]) -> list[list[Vertex]]:
-    """Hertel-Mehlhorn: drop each diagonal in turn whose removal leaves a convex piece."""
-    pieces: dict[int, list[Vertex]] = dict(enumerate(triangles))
-    owner = list(range(len(triangles)))
-
-    def find(i: int) -> int:
-        while owner[i] != i:
-            owner[i] = owner[owner[i]]
-            i = owner[i]
-        return i
-
-    for start, end, left, right in diagonals:
-        i, j = find(left), find(right)
-        if i == j:
-            continue
-        merged = _joined(pieces[i], pieces[j], start, end)
-        if _is_convex(merged):
-            pieces[i] = merged
-            owner[j] = i
-            del pieces[j]
-    return [_without_collinear(piece) for piece in pieces.values()]
-
-
-def _diagonals(triangles: list[list[Vertex]]) -> list[Diagonal]:
-    """Shared edges as (start, end, triangle with it, triangle with its reverse), longest first."""
-    edges = {(t[k], t[(k + 1) % 3]): i for i, t in enumerate(triangles) for k in range(3)}
-    shared = [
-        (start, end, i, edges[end, start])
-        for (start, end), i in edges.items()
-        if start < end and (end, start) in edges
-    ]
-    return sorted(shared, key=lambda d: (-((d[0][0] - d[1][0]) ** 2 + (d[0][1] - d[1][1]) ** 2), d[0], d[1]))
-
-
-def _joined(a: list[Vertex], b: list[Vertex], start: Vertex, end: Vertex) -> list[Vertex]:
-    """The union of two pieces along the edge start -> end of `a` (end -> start in `b`)."""
-    i, j = a.index(start), b.index(end)
-    around_a = a[i + 1 :] + a[: i + 1]  # end ... start
-    around_b = b[j + 1 :] + b[: j + 1]  # start ... end
-    return around_a + around_b[1:-1]
-
-
-def _corner_sine(p: Vertex, q: Vertex, r: Vertex) -> float:
-    """Sine of the left turn at q."""
-    ux, uy, vx, vy = q[0] - p[0], q[1] - p[1], r[0] - q[0], r[1] - q[1]
-    lengths = math.hypot(ux, uy) * math.hypot(vx, vy)
-    return (ux * vy - uy * vx) / lengths if lengths > 0 else 0.0
-
-
-def _corners(ring: list[Vertex]) -> Iterable[tuple[Vertex, Vertex, Vertex]]:
-    return ((ring[i - 1], ring[i], ring[(i + 1) % len(ring)]) for i in range(len(ring)))
-
-
-def _is_convex(ring: list[Vertex]) -> bool:
-    return all(_corner_sine(*corner) >= -_COLLINEAR for corner in _corners(ring))
-
-
-def _without_collinear(ring: list[Vertex]) -> list[Vertex]:
-    kept = [q for p, q, r in _corners(ring) if abs(_corner_sine(p, q, r)) > _COLLINEAR]
-    return kept if len(kept) >= 3 else ring
-
-
-def _signed_area(ring: list[Vertex]) -> float:
-    x0, y0 = ring[0]
-    return 0.5 * sum(
-        (p[0] - x0) * (q[1] - y0) - (p[1] - y0) * (q[0] - x0) for p, q in itertools.pairwise(ring[1:])
-    )
-
-
-def pack(
-    robot_pieces: list[FloatArray],
-    obstacle_pieces: list[FloatArray],
-    bounds: tuple[float, float, float, float],
-    tolerance: float,
-) -> tuple[FloatArray, npt.NDArray[np.int64]]:
-    """Pack convex pieces and bounds into the arrays of `guided_gym.kernels.collision` (layout there).
-
-    Args:
-        robot_pieces: Arrays (V, 2) in the body frame.
-        obstacle_pieces: Arrays (V, 2) in the workspace.
-        bounds: (xmin, ymin, xmax, ymax); its sides become four half-planes.
-        tolerance: Gap up to which a pose counts as colliding.
-
-    Returns:
-        The float64 and the int64 array of a `Geometry`.
+    Raises:
+        InvalidInputError: A polygon is so nearly degenerate that its triangulation loses area.
     """
-    radius = max(float(np.hypot(*piece.T).max()) for piece in robot_pieces)
-    numbers: list[float] = [tolerance, 1.001 * tolerance, radius]
-    rows: list[int] = []
-    for piece in robot_pieces:
-        vertices = np.column_stack((piece, np.hypot(*piece.T)))
-        _append_piece(numbers, rows, vertices, _outward_axes(piece))
-    for piece in obstacle_pieces:
-        _append_piece(numbers, rows, piece, _outward_axes(piece))
-    xmin, ymin, xmax, ymax = bounds
-    inf = float("inf")
-    half_planes = [(1.0, 0.0, xmin), (-1.0, 0.0, -xmax), (0.0, 1.0, ymin), (0.0, -1.0, -ymax)]
-    for half_plane in half_planes:
-        _append_piece(numbers, rows, np.empty((0, 2)), np.array([half_plane]))
-    boxes = [(*piece.min(axis=0), *piece.max(axis=0)) for piece in obstacle_pieces]
-    boxes += [
-        (-inf, -inf, xmin, inf),
-        (xmax, -inf, inf, inf),
-        (-inf, -inf, inf, ymin),
-        (-inf, ymax, inf, inf),
-    ]
-    header = [len(robot_pieces), len(boxes), len(numbers)]
-    numbers.extend(np.array(boxes).ravel())
-    return np.array(numbers, dtype=np.float64), np.array(header + rows, dtype=np.int64)
+    shapes = np.asarray(polygons, dtype=object)
+    whole = shapely.get_num_interior_rings(shapes) == 0
+    rings = shapes if whole.all() else shapes[whole]
+    counts = shapely.get_num_coordinates(rings).astype(np.int64)
+    vertices, sizes = convex_rings(shapely.get_coordinates(rings), np.cumsum(counts))
+    if len(sizes) == len(shapes) and sizes.all():
+        return Pieces(vertices, np.cumsum(sizes))
+    convex = np.flatnonzero(whole)[sizes > 0]
+    others = np.ones(len(shapes), dtype=bool)
+    others[convex] = False
+    concave = np.flatnonzero(others)
+    more, more_sizes, of = _merged(shapes[concave])
+    pieces = Pieces(
+        np.concatenate((vertices, more)), np.cumsum(np.concatenate((sizes[sizes > 0], more_sizes)))
+    )
+    return pieces.taken(np.argsort(np.concatenate((convex, concave[of])), kind="stable"))
 
 
-def _append_piece(numbers: list[float], rows: list[int], vertices: FloatArray, axes: FloatArray) -> None:
-    rows += [len(numbers), len(vertices), len(numbers) + vertices.size, len(axes)]
-    numbers.extend(vertices.ravel())
-    numbers.extend(axes.ravel())
+def _merged(shapes: npt.NDArray[np.object_]) -> tuple[FloatArray, IntArray, IntArray]:
+    """Pieces of polygons that are not convex: their vertices, how many a piece has, and its polygon."""
+    corners, of = _triangles(shapes)
+    edges, of_edge = _diagonals(corners, of)
+    counts = np.bincount(of, minlength=len(shapes)), np.bincount(of_edge, minlength=len(shapes))
+    return merge_triangles(corners.reshape(-1, 2), np.cumsum(counts[0]), edges, np.cumsum(counts[1]))
 
 
-def _outward_axes(piece: FloatArray) -> FloatArray:
-    """Rows (nx, ny, max n.v): unit outward normals of a counter-clockwise convex piece; none for a point."""
-    if len(piece) == 1:
-        return np.empty((0, 3))
-    edges = np.roll(piece, -1, axis=0) - piece
-    normals = np.column_stack((edges[:, 1], -edges[:, 0])) / np.hypot(*edges.T)[:, None]
-    return np.column_stack((normals, (normals @ piece.T).max(axis=1)))
+def _triangles(shapes: npt.NDArray[np.object_]) -> tuple[FloatArray, IntArray]:
+    """Constrained Delaunay triangles (t, 3, 2), counter-clockwise, and the number of each one's polygon."""
+    collections = shapely.constrained_delaunay_triangles(shapely.remove_repeated_points(shapes))
+    triangles, of = shapely.get_parts(collections, return_index=True)
+    corners = shapely.get_coordinates(triangles).reshape(-1, 4, 2)[:, :3].copy()
+    sides = corners[:, 1:] - corners[:, :1]
+    areas = 0.5 * (sides[:, 0, 0] * sides[:, 1, 1] - sides[:, 0, 1] * sides[:, 1, 0])
+    clockwise = ~(areas > 0)
+    corners[clockwise] = corners[clockwise, ::-1]
+    covered = np.bincount(of, np.abs(areas), minlength=len(shapes))
+    wanted = shapely.area(shapes)
+    lost = ~(np.abs(covered - wanted) <= _LOST_AREA * wanted)
+    if lost.any():
+        worst = int(np.argmax(lost))
+        raise InvalidInputError(
+            f"expected a polygon that can be triangulated, got one of area {wanted[worst]:.9g} of which "
+            f"the triangles cover {covered[worst]:.9g} (are some of its vertices almost on its edges?)"
+        )
+    return corners, of
+
+
+def _diagonals(corners: FloatArray, of: IntArray) -> tuple[IntArray, IntArray]:
+    """Edges that two triangles of a polygon share, and the polygon: of each polygon the longest first.
+
+    Edge e runs from corner e of all the triangles to the next one of its triangle; a row holds an edge that
+    runs from left to right (or up) and its reverse.
+    """
+    number = np.unique(corners.reshape(-1, 2).view(np.complex128), return_inverse=True)[1].reshape(-1, 3)
+    begin, end = number.ravel(), np.roll(number, -1, axis=1).ravel()
+    low, high, shape = np.minimum(begin, end), np.maximum(begin, end), np.repeat(of, 3)
+    order = np.lexsort((begin, high, low, shape))
+    a, b = order[:-1], order[1:]
+    shared = (low[a] == low[b]) & (high[a] == high[b]) & (shape[a] == shape[b])
+    edges = np.column_stack((a[shared], b[shared]))
+    along = corners.reshape(-1, 2)[edges[:, 1]] - corners.reshape(-1, 2)[edges[:, 0]]
+    start, length = edges[:, 0], np.einsum("ij,ij->i", along, along)
+    order = np.lexsort((high[start], low[start], -length, shape[start]))
+    return edges[order], shape[start[order]]

@@ -12,7 +12,8 @@ import shapely
 from shapely.geometry.base import BaseGeometry
 
 from guided_gym.errors import InvalidInputError
-from guided_gym.geometry.convex import convex_pieces, pack
+from guided_gym.geometry.convex import Pieces, cover_polygons
+from guided_gym.geometry.packing import pack
 from guided_gym.kernels import collision
 
 FloatArray = npt.NDArray[np.float64]
@@ -27,7 +28,8 @@ class Environment:
     Attributes:
         bounds: (xmin, ymin, xmax, ymax), length units.
         obstacles: Polygons; they may have holes, overlap each other and stick out of the bounds.
-            Multi-polygons are taken apart. One polygon alone is one obstacle.
+            Multi-polygons are taken apart, and so are collections, of which only the polygons count. One
+            polygon alone is one obstacle.
 
     Raises:
         InvalidInputError: Bounds that are not finite and ordered; an obstacle that is empty, non-finite,
@@ -39,10 +41,8 @@ class Environment:
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "bounds", _checked_bounds(self.bounds))
-        polygons: list[shapely.Polygon] = []
-        for number, obstacle in enumerate(_as_items("obstacles", self.obstacles, "polygons")):
-            polygons.extend(_checked_obstacle(number, obstacle, self.bounds))
-        object.__setattr__(self, "obstacles", tuple(polygons))
+        items = _as_items("obstacles", self.obstacles, "polygons")
+        object.__setattr__(self, "obstacles", _checked_obstacles(items, self.bounds))
 
     @classmethod
     def from_polygons(cls, bounds: Sequence[float], rings: Iterable[Ring]) -> Environment:
@@ -81,13 +81,19 @@ class Environment:
         return shapely.box(*self.bounds).difference(self.obstacle_union)
 
     @cached_property
+    def cover(self) -> Pieces:
+        """Convex pieces that cover the obstacles exactly, in one array; they may overlap."""
+        return cover_polygons(self.obstacles)
+
+    @property
     def pieces(self) -> list[FloatArray]:
         """Convex pieces (V, 2) that cover the obstacles exactly; they may overlap."""
-        return [piece for obstacle in self.obstacles for piece in convex_pieces(obstacle)]
+        return self.cover.arrays()
 
     @cached_property
     def _point_geometry(self) -> collision.Geometry:
-        return pack([np.zeros((1, 2))], self.pieces, self.bounds, 1e-9 * self.extent)
+        point = Pieces(np.zeros((1, 2)), np.array([1]))
+        return pack(point, self.cover, self.bounds, 1e-9 * self.extent)
 
     def clearance(self, points: FloatArray | Sequence[float]) -> FloatArray:
         """Distance from points (..., 2) to the nearest obstacle or bound: (...), 0 inside an obstacle."""
@@ -143,21 +149,50 @@ def _checked_bounds(bounds: Sequence[float]) -> Bounds:
     return values
 
 
+def _checked_obstacles(items: list[object], bounds: Bounds) -> tuple[shapely.Polygon, ...]:
+    """The polygons that the items consist of, each of them checked."""
+    if all(isinstance(item, shapely.Polygon) for item in items):
+        shapes = np.empty(len(items), dtype=object)
+        shapes[:] = items
+        if (
+            np.isfinite(shapely.get_coordinates(shapes)).all()
+            and not (shapely.is_empty(shapes) | shapely.has_z(shapes)).any()
+            and shapely.is_valid(shapes).all()
+            and shapely.intersects(shapely.box(*bounds), shapes).all()
+        ):
+            return tuple(items)  # type: ignore[arg-type]
+    polygons = [part for number, item in enumerate(items) for part in _checked_obstacle(number, item, bounds)]
+    return tuple(polygons)
+
+
 def _checked_obstacle(number: int, obstacle: object, bounds: Bounds) -> list[shapely.Polygon]:
-    if not isinstance(obstacle, shapely.Polygon | shapely.MultiPolygon):
+    if not isinstance(obstacle, shapely.Polygon | shapely.MultiPolygon | shapely.GeometryCollection):
         kind = getattr(obstacle, "geom_type", type(obstacle).__name__)
         raise InvalidInputError(f"obstacle {number}: expected a Polygon or MultiPolygon, got {kind}")
-    if obstacle.is_empty:
-        raise InvalidInputError(f"obstacle {number}: expected a polygon with an area, got an empty one")
     if not np.isfinite(shapely.get_coordinates(obstacle)).all():
         raise InvalidInputError(f"obstacle {number}: expected finite coordinates, got NaN or infinity")
-    if not obstacle.is_valid:
+    polygons = _polygons_in(shapely.force_2d(obstacle))
+    if not polygons:
+        held = sorted({part.geom_type for part in getattr(obstacle, "geoms", ())})
         raise InvalidInputError(
-            f"obstacle {number}: expected a simple polygon, got one with {shapely.is_valid_reason(obstacle)}"
+            f"obstacle {number}: expected a polygon with an area, got "
+            + (f"a collection of {' and '.join(held)} only" if held else "an empty one")
         )
-    if not obstacle.intersects(shapely.box(*bounds)):
+    # Polygons of a collection may overlap, as obstacles may; those of a MultiPolygon may not.
+    for shape in polygons if type(obstacle) is shapely.GeometryCollection else [obstacle]:
+        if not shape.is_valid:
+            raise InvalidInputError(
+                f"obstacle {number}: expected a simple polygon, got one with {shapely.is_valid_reason(shape)}"
+            )
+    if not shapely.intersects(shapely.box(*bounds), polygons).any():
         raise InvalidInputError(
             f"obstacle {number}: expected a polygon that meets the bounds {bounds}, got {obstacle.bounds}"
         )
-    flat = shapely.force_2d(obstacle)
-    return list(flat.geoms) if isinstance(flat, shapely.MultiPolygon) else [flat]
+    return polygons
+
+
+def _polygons_in(shape: BaseGeometry) -> list[shapely.Polygon]:
+    """The polygons that have an area, of a geometry and all that it holds."""
+    if isinstance(shape, shapely.Polygon):
+        return [] if shape.is_empty else [shape]
+    return [polygon for part in getattr(shape, "geoms", ()) for polygon in _polygons_in(part)]

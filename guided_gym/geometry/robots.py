@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -12,7 +13,7 @@ import shapely
 
 from guided_gym.checks import number
 from guided_gym.errors import InvalidInputError
-from guided_gym.geometry.convex import convex_pieces
+from guided_gym.geometry.convex import Pieces, cover
 
 FloatArray = npt.NDArray[np.float64]
 
@@ -25,7 +26,8 @@ class Robot:
     reference point is the origin of the body frame.
 
     Attributes:
-        outline: Point, LineString or simple Polygon without holes, in the body frame.
+        outline: Point, LineString or simple Polygon without holes, in the body frame. A collection, as from
+            `shapely.make_valid`, stands for its polygon if it has just one.
         dimension: 2 (translates only) or 3 (translates and turns).
         name: For people; no part of the robot's identity.
 
@@ -43,8 +45,9 @@ class Robot:
             raise InvalidInputError(
                 f"a planar robot's dimension is 2 (x, y) or 3 (x, y, theta), not {self.dimension!r}"
             )
-        _check_outline(self.outline)
-        outline = shapely.force_2d(self.outline)
+        outline = _only_polygon(self.outline)
+        _check_outline(outline)
+        outline = shapely.force_2d(outline)
         if isinstance(outline, shapely.Polygon):
             outline = shapely.orient_polygons(outline)
         object.__setattr__(self, "outline", outline)
@@ -81,9 +84,14 @@ class Robot:
         return float(np.hypot(*shapely.get_coordinates(self.outline).T).max())
 
     @cached_property
+    def cover(self) -> Pieces:
+        """Convex pieces that cover the outline exactly, in one array, in the body frame."""
+        return cover(self.outline)
+
+    @property
     def pieces(self) -> list[FloatArray]:
         """Convex pieces (V, 2) of the outline in the body frame."""
-        return convex_pieces(self.outline)
+        return self.cover.arrays()
 
     def placed(self, q: Sequence[float] | FloatArray) -> shapely.Point | shapely.LineString | shapely.Polygon:
         """The robot's outline in the workspace at configuration q.
@@ -118,6 +126,14 @@ def _polygon_of(coords: Sequence[Sequence[float]] | FloatArray) -> shapely.Polyg
     if not np.isfinite(corners).all():
         raise InvalidInputError("a polygon's corners must be finite, got NaN or infinity")
     return shapely.Polygon(corners)
+
+
+def _only_polygon(outline: object) -> Any:
+    """The polygon of a collection that has just one; anything else as it is."""
+    if isinstance(outline, shapely.MultiPolygon | shapely.GeometryCollection):
+        polygons = [part for part in outline.geoms if isinstance(part, shapely.Polygon) and not part.is_empty]
+        return polygons[0] if len(polygons) == 1 else outline
+    return outline
 
 
 def _check_outline(outline: object) -> None:

@@ -13,8 +13,8 @@ import shapely
 
 from guided_gym.checks import instance, number
 from guided_gym.errors import InvalidInputError
-from guided_gym.geometry.convex import pack
 from guided_gym.geometry.environment import Environment
+from guided_gym.geometry.packing import local_origin, pack
 from guided_gym.geometry.robots import Robot
 from guided_gym.kernels import collision
 from guided_gym.kernels.metric import Metric
@@ -29,6 +29,19 @@ RELATIVE_TOLERANCE = 1e-6
 _SMALLEST_TOLERANCE = 1e-10
 """Tolerance relative to the largest coordinate below which rounding could turn a contact into "free"."""
 
+_SMALLEST_OUTER_TOLERANCE = 1e-12
+"""The same for the caller's coordinates, from which the kernels subtract an origin that lies near by."""
+
+_LARGEST_TOLERANCE = 1e-3
+"""Largest default tolerance, relative to the diagonal, where coordinates are so large that they need one."""
+
+
+_MANY_TURNS = 5e3
+"""Angles beyond this are wrapped by their sine and cosine, since rounding of many turns would add up."""
+
+LARGEST_ANGLE = 1e12
+"""Angles from here on are none: beside such numbers a radian is hardly more than rounding."""
+
 
 class ConfigurationSpace:
     """The configuration space C of a robot in an environment, with its metric and its collision checks.
@@ -36,8 +49,8 @@ class ConfigurationSpace:
     Configurations are float64 arrays (d,), or (n, d) in batches: (x, y) or (x, y, theta), theta in [-pi, pi)
     and periodic. The metric is d(a, b)^2 = |dp|^2 + (w dtheta)^2 with the angle the short way round.
 
-    A pose is valid iff a line keeps each convex piece of the robot more than `tolerance` away from each
-    obstacle piece and the robot lies inside the bounds by as much. Motions are certified, never sampled.
+    A pose is valid iff the robot is more than `tolerance` away from all obstacles and inside the bounds by as
+    much. Motions are certified, never sampled: none is called free that comes as near anywhere.
 
     Attributes:
         robot: The robot r.
@@ -67,7 +80,9 @@ class ConfigurationSpace:
             robot: The robot.
             environment: The environment.
             rotation_weight: w, length per radian; the robot's circumradius by default.
-            tolerance: Collision tolerance (length); 1e-6 of the diagonal of the bounds by default.
+            tolerance: Collision tolerance (length); by default 1e-6 of the diagonal of the bounds, or as much
+                as the rounding of the coordinates asks for: 1e-12 of those of the bounds, 1e-10 of those
+                relative to a corner of the bounds (to the origin where that is near).
 
         Raises:
             InvalidInputError: No robot or environment, a weight or tolerance that is not positive and finite,
@@ -92,7 +107,7 @@ class ConfigurationSpace:
         self.metric = Metric(self.weights, self.periods)
         self.tolerance = _checked_tolerance(tolerance, robot, environment)
         self.geometry: collision.Geometry = pack(
-            robot.pieces, environment.pieces, environment.bounds, self.tolerance
+            robot.cover, environment.cover, environment.bounds, self.tolerance
         )
 
     @cached_property
@@ -125,6 +140,8 @@ class ConfigurationSpace:
         """
         change: FloatArray = self._many(b) - self._many(a)
         if self.dimension == 3:
+            if np.abs(change[..., 2]).max(initial=0.0) > _MANY_TURNS:  # many turns would add up rounding
+                change[..., 2] = self.wrap(b)[..., 2] - self.wrap(a)[..., 2]
             change[..., 2] -= 2.0 * math.pi * np.rint(change[..., 2] / (2.0 * math.pi))
         return change
 
@@ -146,6 +163,10 @@ class ConfigurationSpace:
             angle = wrapped[..., 2]
             turned = angle - 2.0 * math.pi * np.floor((angle + math.pi) / (2.0 * math.pi))
             inside = (angle >= -math.pi) & (angle < math.pi)
+            if not np.abs(angle).max(initial=0.0) <= _MANY_TURNS:
+                turned = np.where(
+                    np.abs(angle) > _MANY_TURNS, np.arctan2(np.sin(angle), np.cos(angle)), turned
+                )
             # Rounding may leave the turned angle a hair outside: put it on the closed end.
             turned = np.where((turned >= math.pi) | (turned < -math.pi), -math.pi, turned)
             wrapped[..., 2] = np.where(inside, angle, turned)
@@ -158,7 +179,7 @@ class ConfigurationSpace:
     def valid(self, q: Configurations) -> BoolArray | bool:
         """Whether configurations are collision-free and within bounds: (n, d) -> (n,), one (d,) -> bool.
 
-        Non-finite configurations (and angles beyond 1e4) are not valid.
+        Any angle will do. Configurations that are not finite, or beyond 1e12, are not valid.
         """
         if np.ndim(q) == 1:
             return bool(collision.pose_free(self._one(q), self.geometry))
@@ -206,6 +227,8 @@ class ConfigurationSpace:
             raise InvalidInputError(
                 f"expected a configuration of shape ({self.dimension},), got shape {q.shape}"
             )
+        if self.dimension == 3 and _MANY_TURNS < abs(q[2]) < LARGEST_ANGLE:
+            return self.wrap(q)
         return q
 
     def _batch(self, q: Configurations) -> FloatArray:
@@ -214,6 +237,11 @@ class ConfigurationSpace:
             raise InvalidInputError(
                 f"expected configurations of shape (n, {self.dimension}), got shape {batch.shape}"
             )
+        if self.dimension == 3 and len(batch) and not np.abs(batch[:, 2]).max() <= _MANY_TURNS:
+            large = np.abs(batch[:, 2])
+            large = (large > _MANY_TURNS) & (large < LARGEST_ANGLE)
+            batch = batch.copy()
+            batch[large] = self.wrap(batch[large])
         return batch
 
     def _pairs(self, starts: Configurations, ends: Configurations) -> tuple[FloatArray, FloatArray]:
@@ -238,13 +266,19 @@ def _frozen(values: list[float]) -> FloatArray:
 
 
 def _checked_tolerance(tolerance: float | None, robot: Robot, environment: Environment) -> float:
+    """The tolerance, large enough for rounding: in the kernels' coordinates and in the caller's."""
+    origin = local_origin(environment.bounds)
+    corners = np.concatenate((environment.cover.vertices, np.reshape(environment.bounds, (2, 2))))
+    local = max(float(np.abs(corners - origin).max()), robot.radius)
+    outer = max(map(abs, environment.bounds))
+    smallest = max(_SMALLEST_TOLERANCE * local, _SMALLEST_OUTER_TOLERANCE * outer)
+    limit = _LARGEST_TOLERANCE * environment.extent
+    if tolerance is None and smallest <= limit:
+        return max(RELATIVE_TOLERANCE * environment.extent, smallest)
     value = RELATIVE_TOLERANCE * environment.extent if tolerance is None else float(tolerance)
-    coordinates = [abs(v) for v in environment.bounds] + [robot.radius]
-    coordinates += [float(np.abs(piece).max()) for piece in environment.pieces]
-    smallest = _SMALLEST_TOLERANCE * max(coordinates)
     if not (math.isfinite(value) and value >= smallest):
         raise InvalidInputError(
             f"the tolerance must be finite and at least {smallest:.3g} (for coordinates up to "
-            f"{max(coordinates):.6g}), got {value!r}"
+            f"{max(local, outer):.6g}), got {value!r}"
         )
     return value

@@ -22,6 +22,7 @@ from guided_gym.kernels.collision import (
     _motion_fraction,
     _point_segment_squared,
     _pose_free,
+    next_run,
 )
 from guided_gym.kernels.eikonal import LINK_THETA, LINK_X, LINK_Y, PAD, IndexArray, LinkArray
 
@@ -96,23 +97,29 @@ def _position_kind(geometry: Geometry, x: float, y: float, inradius: float, step
     numbers, index = geometry
     reach = numbers[2] + numbers[1]
     far = reach + step
-    kind = _OPEN
-    for i in range(index[1]):
-        b = index[2] + 4 * i
-        if (
-            x - far > numbers[b + 2]
-            or x + far < numbers[b]
-            or y - far > numbers[b + 3]
-            or y + far < numbers[b + 1]
-        ):
-            continue
-        o = HEADER + ROW * (index[0] + i)
-        if _disc_clear(numbers, index, o, x, y, 0.0, 0.0, far):
-            continue
-        if _touches_disc(geometry, o, x, y, inradius):
-            return _BLOCKED
-        if kind != _MIXED:
-            kind = _TURNS if _disc_clear(numbers, index, o, x, y, 0.0, 0.0, reach) else _MIXED
+    x, y = x - numbers[3], y - numbers[4]
+    kind, node = _OPEN, 0
+    while node >= 0:
+        first, last, at = index[6], index[1], -1
+        if node < index[3]:
+            first, last, at = next_run(numbers, index, node, x, y, 0.0, 0.0, far)
+        node = at
+        for i in range(first, last):
+            b = index[2] + 4 * i
+            if (
+                x - far > numbers[b + 2]
+                or x + far < numbers[b]
+                or y - far > numbers[b + 3]
+                or y + far < numbers[b + 1]
+            ):
+                continue
+            o = HEADER + ROW * (index[0] + i)
+            if _disc_clear(numbers, index, o, x, y, 0.0, 0.0, far):
+                continue
+            if _touches_disc(geometry, o, x, y, inradius):
+                return _BLOCKED
+            if kind != _MIXED:
+                kind = _TURNS if _disc_clear(numbers, index, o, x, y, 0.0, 0.0, reach) else _MIXED
     return kind
 
 

@@ -65,6 +65,33 @@ def test_problem__refuses_a_start_that_cannot_be(start: tuple, message: str) -> 
             problem(goal=start)
 
 
+def test_problem__names_the_bound_or_the_obstacle_and_the_tolerance() -> None:
+    room = Environment((0, 0, 10, 10), (shapely.box(2, 2, 3, 3), shapely.box(6, 6, 7, 7)))
+    for start, message in [
+        (
+            (1e-6, 5),
+            r"touching the bounds .*: xmin = 0 is 1e-06 away, nearer than the collision tolerance 1.41e-05",
+        ),
+        ((5, 10 - 1e-6), r"ymax = 10 is 1e-06 away, nearer than the collision tolerance"),
+        ((0, 5), r"touching or crossing the bounds \(.*\) at xmin = 0"),
+        ((6.5, 6.5), "in collision with obstacle 1"),
+        (
+            (3 + 1e-6, 2.5),
+            "in collision: obstacle 0 is 1e-06 away, nearer than the collision tolerance 1.41e-05",
+        ),
+    ]:
+        with pytest.raises(InvalidInputError, match=message):
+            Problem(Robot.point(), room, Task(start, (9, 9)))
+
+
+def test_problem__takes_headings_of_many_turns() -> None:
+    posed = problem((1, 5, 0.3 + 2 * math.pi * 10_000), (9, 5, -2 * math.pi * 10**9))
+    assert posed.task.start == pytest.approx([1, 5, 0.3], abs=1e-8)
+    assert posed.task.goal == pytest.approx([9, 5, 0.0], abs=1e-5)
+    with pytest.raises(InvalidInputError, match=r"start has the heading 1e\+13; expected one below 1e\+12"):
+        problem((1, 5, 1e13))
+
+
 def test_problem__brings_angles_into_range() -> None:
     posed = problem((1, 5, 7.0), (9, 5, -math.pi))
     assert posed.task.start == pytest.approx([1, 5, 7.0 - 2 * math.pi])

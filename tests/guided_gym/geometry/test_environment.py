@@ -97,6 +97,35 @@ def test_bad_rings_are_refused(ring):
         Environment.from_polygons(BOUNDS, [ring])
 
 
+def test_of_a_collection_the_polygons_count():
+    bow = shapely.Polygon([(1, 0), (2, 1), (2, 0), (1, 1), (1, 0), (0.5, 0.5), (1, 0)])
+    mended = shapely.make_valid(bow)
+    assert mended.geom_type == "GeometryCollection"
+    room = Environment(BOUNDS, (mended,))
+    assert room.obstacle_union.area == pytest.approx(0.5)
+    nested = shapely.GeometryCollection([mended, shapely.Point(3, 1), shapely.box(3, 0, 4, 1, ccw=False)])
+    assert Environment(BOUNDS, nested).obstacle_union.area == pytest.approx(1.5)
+    overlapping = shapely.GeometryCollection([shapely.box(0, 0, 2, 1), shapely.box(1, 0, 3, 1)])
+    assert Environment(BOUNDS, overlapping).obstacle_union.area == pytest.approx(3.0)
+
+
+@pytest.mark.parametrize(
+    ("parts", "message"),
+    [
+        (
+            [shapely.LineString([(0, 0), (1, 1)]), shapely.Point(1, 1)],
+            "a collection of LineString and Point only",
+        ),
+        ([], "an empty one"),
+        ([shapely.Polygon([(0, 0), (1, 1), (1, 0), (0, 1)])], "Self-intersection"),
+        ([shapely.box(5, 5, 6, 6), shapely.LineString([(0, 0), (1, 1)])], "meets the bounds"),
+    ],
+)
+def test_collections_without_good_polygons_are_refused(parts, message):
+    with pytest.raises(InvalidInputError, match=f"obstacle 0: .*{message}"):
+        Environment(BOUNDS, (shapely.GeometryCollection(parts),))
+
+
 def test_one_polygon_is_one_obstacle():
     block = shapely.box(1, 0, 2, 1)
     assert Environment(BOUNDS, block) == Environment(BOUNDS, (block,))

@@ -10,7 +10,9 @@ import pytest
 import shapely
 
 from guided_gym.errors import InvalidInputError
+from guided_gym.geometry.environment import Environment
 from guided_gym.geometry.robots import Robot
+from guided_gym.geometry.space import ConfigurationSpace
 
 
 @pytest.mark.parametrize(
@@ -72,3 +74,25 @@ def test_polygon_orientation_does_not_matter():
 def test_bad_robots_are_refused(make, message):
     with pytest.raises(InvalidInputError, match=message):
         make()
+
+
+def test_a_line_with_repeated_points_is_the_line_without_them():
+    robot = Robot(shapely.LineString([(0, 0), (0, 0), (1, 0), (1, 0), (1, 1), (1, 1)]))
+    assert [piece.tolist() for piece in robot.pieces] == [[[0, 0], [1, 0]], [[1, 0], [1, 1]]]
+    room = Environment((0, 0, 10, 10), (shapely.box(4, 4, 6, 6),))
+    spaces = [
+        ConfigurationSpace(r, room) for r in (robot, Robot(shapely.LineString([(0, 0), (1, 0), (1, 1)])))
+    ]
+    assert np.isfinite(spaces[0].geometry[0][:-20]).all()
+    poses = spaces[0].sample(np.random.default_rng(0), 300)
+    np.testing.assert_array_equal(spaces[0].valid(poses), spaces[1].valid(poses))
+    assert 50 < spaces[0].valid(poses).sum() < 290
+    np.testing.assert_array_equal(*[s.motions_free(poses[1:], poses[:-1]) for s in spaces])
+
+
+def test_a_collection_stands_for_its_only_polygon():
+    spiked = shapely.GeometryCollection([shapely.box(0, 0, 1, 1), shapely.LineString([(1, 1), (2, 2)])])
+    assert Robot(spiked).outline.equals(shapely.box(0, 0, 1, 1))
+    two = shapely.MultiPolygon([shapely.box(0, 0, 1, 1), shapely.box(2, 0, 3, 1)])
+    with pytest.raises(InvalidInputError, match="not MultiPolygon"):
+        Robot(two)

@@ -9,6 +9,7 @@ import sys
 import numpy as np
 import pytest
 import shapely
+import shapely.affinity
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
@@ -337,10 +338,148 @@ def test_bad_options_are_refused(options, message):
         ConfigurationSpace(ROBOTS["rectangle"], WALL, **options)
 
 
-def test_far_coordinates_need_a_tolerance_to_match():
-    far = Environment((1e9, 0, 1e9 + 1, 1))
-    with pytest.raises(InvalidInputError, match="tolerance"):
-        ConfigurationSpace(Robot.point(), far)
+# Needle tips --------------------
+
+
+def needle(angle, length=4.0):
+    """A triangle whose tip at (5, 5) points up."""
+    half = length * math.tan(0.5 * angle)
+    return Environment(BOUNDS, (shapely.Polygon([(5, 5), (5 - half, 5 - length), (5 + half, 5 - length)]),))
+
+
+@pytest.mark.parametrize("angle", [1e-5, 1e-3, 0.1, 1.0])
+def test_a_point_may_pass_a_tip_as_near_as_the_tolerance(angle):
+    space = ConfigurationSpace(Robot.point(), needle(angle))
+    for gap, free in ((1.01, True), (1.5, True), (0.99, False), (0.0, False)):
+        y = 5.0 + gap * space.tolerance
+        assert space.valid([5.0, y]) == free
+        assert space.motion_free([3.0, y], [7.0, y]) == free
+        assert space.motion_free([3.0, y - 1.0], [7.0, y + 1.0]) == (gap > 1.2)
+        assert (space.first_contact([5.0, 9.0], [5.0, y]) == 1.0) == free
+    touch = (4.0 - space.tolerance) / 5.0
+    assert space.first_contact([5.0, 9.0], [5.0, 4.0]) == pytest.approx(touch, abs=1e-8)
+    assert space.clearance([5.0, 5.01]) == pytest.approx(0.01)
+
+
+def test_the_tip_of_a_rod_may_come_as_near_to_a_needle():
+    space = ConfigurationSpace(Robot.segment(1.0), needle(1e-3))
+    near = 5.0 + 1.1 * space.tolerance
+    assert space.motion_free([3.0, near + 0.5, math.pi / 2], [7.0, near + 0.5, math.pi / 2])
+    assert not space.motion_free([3.0, near + 0.499, math.pi / 2], [7.0, near + 0.499, math.pi / 2])
+    # A turn about the rod's middle sweeps its end over the tip.
+    assert space.motion_free([5.0, near + 0.5, -math.pi / 2 - 1.0], [5.0, near + 0.5, -math.pi / 2 + 1.0])
+    assert not space.motion_free([5.0, 5.49, -math.pi / 2 - 1.0], [5.0, 5.49, -math.pi / 2 + 1.0])
+
+
+@given(
+    st.floats(-4, 0),
+    st.floats(-math.pi, math.pi),
+    st.floats(0.05, 2.0),
+    st.floats(1.02, 1e4),
+    st.floats(0.0, 1.0),
+)
+@settings(max_examples=200, deadline=None)
+def test_motions_that_keep_clear_of_a_tip_are_free_and_others_are_not(log_angle, way, reach, gap, part):
+    angle = 10.0**log_angle
+    space = ConfigurationSpace(Robot.point(), needle(angle))
+    tip, direction = np.array([5.0, 5.0]), np.array([math.cos(way), math.sin(way)])
+    side = np.array([-direction[1], direction[0]])
+    for beside in (gap * space.tolerance * side, -gap * space.tolerance * side):
+        a, b = tip + beside - part * reach * direction, tip + beside + (1 - part) * reach * direction
+        distance = shapely.distance(shapely.LineString([a, b]), space.environment.obstacles[0])
+        free = space.motion_free(a, b)
+        assert free or distance < 1.02 * space.tolerance
+        assert not free or distance > space.tolerance
+
+
+@pytest.mark.parametrize("robot", ["point", "segment", "rectangle", "l", "off-centre"])
+def test_poses_beyond_one_and_a_half_tolerances_are_valid(robot):
+    rng = np.random.default_rng(3)
+    needles = []
+    for _ in range(25):
+        tip, way = rng.uniform(1, 9, 2), rng.uniform(0, 2 * math.pi)
+        side = 10.0 ** rng.uniform(-4, -1) * np.array([-math.sin(way), math.cos(way)])
+        end = tip + rng.uniform(0.3, 1.5) * np.array([math.cos(way), math.sin(way)])
+        needles.append(shapely.Polygon([tip, end + side, end - side]))
+    environment = Environment(BOUNDS, tuple(needles))
+    space = ConfigurationSpace(ROBOTS[robot], environment, tolerance=1e-2)
+    poses = space.sample(rng, 4000)
+    placed = np.array([space.robot.placed(q) for q in poses])
+    obstacles = shapely.distance(placed, environment.obstacle_union)
+    walls = np.where(
+        shapely.within(placed, shapely.box(*BOUNDS)),
+        shapely.distance(placed, shapely.box(*BOUNDS).exterior),
+        0,
+    )
+    gap, valid = np.minimum(obstacles, walls), space.valid(poses)
+    assert not valid[gap < 0.999e-2].any()
+    assert valid[gap > 1.5e-2].all()
+    assert ((gap > 1e-2) & (gap < 0.1)).sum() > 50
+
+
+# Headings and places far out --------------------
+
+
+@pytest.mark.parametrize("turns", [1, 1000, 2000, 10**6, 10**10])
+def test_a_heading_means_the_same_after_many_turns(turns):
+    space = ConfigurationSpace(ROBOTS["rectangle"], WALL)
+    rng = np.random.default_rng(0)
+    poses = space.sample(rng, 200)
+    turned = poses + np.array([0.0, 0.0, 2 * math.pi * turns])
+    turned[::2, 2] *= -1
+    expected = poses.copy()
+    expected[:, 2] = np.arctan2(np.sin(turned[:, 2]), np.cos(turned[:, 2]))
+    np.testing.assert_array_equal(space.valid(turned), space.valid(expected))
+    assert [space.valid(q) for q in turned] == space.valid(expected).tolist()
+    np.testing.assert_allclose(space.clearance(turned), space.clearance(expected), atol=1e-9)
+    np.testing.assert_allclose(space.wrap(turned)[:, 2], expected[:, 2], atol=1e-9)
+    a, b = turned[:-1], turned[1:]
+    np.testing.assert_array_equal(space.motions_free(a, b), space.motions_free(expected[:-1], expected[1:]))
+    np.testing.assert_allclose(space.distance(a, b), space.distance(expected[:-1], expected[1:]), atol=1e-8)
+    assert space.valid([5.0, 5.0, 0.0]) and not space.valid([5.0, 5.0, 1e13])
+
+
+@pytest.mark.parametrize("side", [1.0, 10.0, 540.0])
+@pytest.mark.parametrize("robot", ["point", "segment", "l"])
+def test_a_site_in_utm_coordinates_is_the_same_as_at_the_origin(robot, side):
+    here, far = clutter(50), np.array([448262.0, 5411932.0])
+    scale = side / 10.0
+    robot = Robot(
+        shapely.affinity.scale(ROBOTS[robot].outline, scale, scale, origin=(0, 0)), ROBOTS[robot].dimension
+    )
+    near = Environment(
+        (0, 0, side, side), tuple(shapely.transform(o, lambda xy: xy * scale) for o in here.obstacles)
+    )
+    site = Environment(
+        (*far, *(far + side)), tuple(shapely.transform(o, lambda xy: xy + far) for o in near.obstacles)
+    )
+    space, moved = ConfigurationSpace(robot, near, tolerance=1e-5 * side), ConfigurationSpace(robot, site)
+    assert moved.tolerance < 1e-5 * side
+    moved = ConfigurationSpace(robot, site, tolerance=1e-5 * side)
+    poses = space.sample(np.random.default_rng(0), 500)
+    shift = np.zeros(space.dimension)
+    shift[:2] = far
+    decided = np.abs(space.clearance(poses)) > 3e-5 * side
+    decided |= ~ConfigurationSpace(robot, near, tolerance=3e-5 * side).valid(poses)
+    a, b = poses[:-1], poses[1:]
+    agree = space.valid(poses) == moved.valid(poses + shift)
+    assert agree[decided].all() and agree.mean() > 0.99
+    assert (space.motions_free(a, b) == moved.motions_free(a + shift, b + shift)).mean() > 0.99
+    np.testing.assert_allclose(
+        space.clearance(poses)[agree], moved.clearance(poses + shift)[agree], atol=1e-8
+    )
+    points = poses[:, :2]
+    np.testing.assert_allclose(near.clearance(points), site.clearance(points + far), atol=1e-8)
+
+
+def test_coordinates_too_far_out_for_the_size_are_refused():
+    assert ConfigurationSpace(Robot.point(), Environment((1e9, 0, 1e9 + 10, 10))).tolerance == pytest.approx(
+        1e-3
+    )
+    with pytest.raises(InvalidInputError, match="tolerance must be"):
+        ConfigurationSpace(Robot.point(), Environment((1e15, 0, 1e15 + 1, 1)))
+    with pytest.raises(InvalidInputError, match="tolerance must be"):
+        ConfigurationSpace(Robot.point(), Environment((1e9, 0, 1e9 + 10, 10)), tolerance=1e-5)
 
 
 @pytest.mark.parametrize("call", ["valid", "clearance", "wrap", "distance"])

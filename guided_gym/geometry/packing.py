@@ -1,0 +1,51 @@
+"""Robot, obstacles and bounds packed into the arrays of `guided_gym.kernels.collision`."""
+
+from __future__ import annotations
+
+import numpy as np
+import numpy.typing as npt
+
+from guided_gym.geometry.convex import Pieces
+from guided_gym.kernels.collision import Geometry
+from guided_gym.kernels.packing import bounding_boxes, box_tree, pack_pieces
+
+FloatArray = npt.NDArray[np.float64]
+Bounds = tuple[float, float, float, float]
+
+_FAR = 16.0
+"""Coordinates beyond this many sides of the bounds are taken from a corner of these."""
+
+
+def local_origin(bounds: Bounds) -> tuple[float, float]:
+    """Where the kernels' coordinates begin: (0, 0), or a corner of the bounds if these lie far from there.
+
+    A site in UTM coordinates is some hundred metres wide and thousands of kilometres from the origin;
+    rounding of products of such coordinates would exceed its tolerance.
+    """
+    xmin, ymin, xmax, ymax = bounds
+    far = max(map(abs, bounds)) > _FAR * max(xmax - xmin, ymax - ymin)
+    return (xmin, ymin) if far else (0.0, 0.0)
+
+
+def pack(robot: Pieces, obstacles: Pieces, bounds: Bounds, tolerance: float) -> Geometry:
+    """Pack convex pieces and bounds into the arrays that the collision kernels read.
+
+    Args:
+        robot: Pieces in the body frame.
+        obstacles: Pieces in the workspace.
+        bounds: (xmin, ymin, xmax, ymax); its sides become four half-planes.
+        tolerance: Gap up to which a pose counts as colliding (length).
+    """
+    origin = local_origin(bounds)
+    vertices = obstacles.vertices - origin if any(origin) else obstacles.vertices
+    boxes = bounding_boxes(vertices, obstacles.ends)
+    order, nodes, rows = box_tree(boxes)
+    if len(rows):
+        vertices, ends = Pieces(vertices, obstacles.ends).taken(order)
+        boxes = boxes[order]
+    else:
+        ends = obstacles.ends
+    radius = float(np.hypot(*robot.vertices.T).max())
+    header = np.array([tolerance, 1.001 * tolerance, radius, *origin])
+    sides = np.array(bounds) - [*origin, *origin]
+    return pack_pieces(header, sides, robot.vertices, robot.ends, vertices, ends, boxes, nodes, rows)

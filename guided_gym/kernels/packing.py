@@ -1,0 +1,205 @@
+"""Convex pieces as the collision kernels read them: edges' normals, bounding boxes and a tree of these.
+
+The layout is that of `guided_gym.kernels.collision`.
+"""
+# mypy: disable-error-code="misc,no-any-return"
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import numpy.typing as npt
+from numba import njit
+
+from guided_gym.kernels.collision import HEADER, NUMBERS, ROW
+
+FloatArray = npt.NDArray[np.float64]
+IntArray = npt.NDArray[np.int64]
+
+RUN = 8
+"""Most pieces of a leaf of the tree."""
+_FEW = 64
+"""Up to so many pieces, looking at all their boxes is as fast as a tree."""
+_SHARP = math.cos(math.radians(91.0))
+"""Cosine between the axes of two edges below which the corner between them is sharper than 89 degrees."""
+_SIDES = (0, 2, 1, 3)
+"""The sides of the bounds in the order of their half-planes: left, right, bottom, top."""
+
+
+@njit(cache=True)
+def bounding_boxes(xy: FloatArray, ends: IntArray) -> FloatArray:
+    """Boxes (p, 4), (xmin, ymin, xmax, ymax), of pieces given by their vertices and where each one ends."""
+    boxes, first = np.empty((ends.size, 4)), 0
+    for i in range(ends.size):
+        xmin, ymin, xmax, ymax = np.inf, np.inf, -np.inf, -np.inf
+        for k in range(first, ends[i]):
+            xmin, ymin = min(xmin, xy[k, 0]), min(ymin, xy[k, 1])
+            xmax, ymax = max(xmax, xy[k, 0]), max(ymax, xy[k, 1])
+        boxes[i, 0], boxes[i, 1], boxes[i, 2], boxes[i, 3] = xmin, ymin, xmax, ymax
+        first = ends[i]
+    return boxes
+
+
+@njit(cache=True)
+def _halve(order: IntArray, centres: FloatArray, first: int, last: int) -> int:
+    """Put the pieces with the smaller centres, in the direction of the larger spread, first; where to cut."""
+    part = order[first:last].copy()
+    axis, widest = 0, -1.0
+    for k in range(2):
+        low, high = np.inf, -np.inf
+        for i in part:
+            low, high = min(low, centres[i, k]), max(high, centres[i, k])
+        if high - low > widest:
+            axis, widest = k, high - low
+    half = (last - first) // 2
+    pivot = np.partition(centres[part, axis], half)[half]
+    below, above = first, first + half
+    equal = half
+    for i in part:
+        equal -= centres[i, axis] < pivot
+    for i in part:
+        if centres[i, axis] < pivot:
+            order[below] = i
+            below += 1
+        elif centres[i, axis] == pivot and equal > 0:
+            order[below] = i
+            below, equal = below + 1, equal - 1
+        else:
+            order[above] = i
+            above += 1
+    return first + half
+
+
+@njit(cache=True)
+def box_tree(boxes: FloatArray) -> tuple[IntArray, FloatArray, IntArray]:
+    """A binary tree over boxes, in preorder, cut again and again at the median; empty for a few boxes.
+
+    Args:
+        boxes: (p, 4) bounding boxes of the pieces.
+
+    Returns:
+        (p,) the order of the pieces in which each leaf has a run of them; (n, 4) boxes of the nodes; (n, 3)
+        for each node the next one that does not lie below it, and the range of its run (empty but at leaves).
+    """
+    p = boxes.shape[0]
+    order = np.arange(p)
+    if p <= _FEW:
+        return order, np.empty((0, 4)), np.empty((0, 3), dtype=np.int64)
+    centres = 0.5 * (boxes[:, :2] + boxes[:, 2:])
+    most = 2 * p // ((RUN + 1) // 2)
+    nodes, rows, n = np.empty((most, 4)), np.zeros((most, 3), dtype=np.int64), 0
+    stack = [(0, p)]
+    while stack:
+        first, last = stack.pop()
+        nodes[n, :2], nodes[n, 2:] = np.inf, -np.inf
+        for i in order[first:last]:
+            for k in range(2):
+                nodes[n, k] = min(nodes[n, k], boxes[i, k])
+                nodes[n, k + 2] = max(nodes[n, k + 2], boxes[i, k + 2])
+        if last - first <= RUN:
+            rows[n, 1], rows[n, 2] = first, last
+        else:
+            cut = _halve(order, centres, first, last)
+            stack.append((cut, last))
+            stack.append((first, cut))
+        n += 1
+    for at in range(n - 1, -1, -1):
+        # The right half begins where the left one ends, and ends where the whole does.
+        rows[at, 0] = at + 1 if rows[at, 2] > 0 else rows[rows[at + 1, 0], 0]
+    return order, nodes[:n].copy(), rows[:n].copy()
+
+
+@njit(cache=True)
+def pack_pieces(
+    header: FloatArray,
+    bounds: FloatArray,
+    robot: FloatArray,
+    robot_ends: IntArray,
+    obstacles: FloatArray,
+    obstacle_ends: IntArray,
+    boxes: FloatArray,
+    nodes: FloatArray,
+    rows: IntArray,
+) -> tuple[FloatArray, IntArray]:
+    """The two arrays of a `Geometry`.
+
+    Args:
+        header: (NUMBERS,) the first entries of `numbers`.
+        bounds: (4,) xmin, ymin, xmax, ymax.
+        robot: (v, 2) vertices of the robot's pieces in the body frame.
+        robot_ends: (r,) where each of them ends.
+        obstacles: (n, 2) vertices of the obstacles' pieces.
+        obstacle_ends: (p,) where each of them ends.
+        boxes: (p, 4) their bounding boxes.
+        nodes: (m, 4) boxes of the tree.
+        rows: (m, 3) rows of the tree.
+    """
+    r, p, m = robot_ends.size, obstacle_ends.size + 4, rows.shape[0]
+    numbers = np.empty(NUMBERS + 6 * robot.shape[0] + 5 * obstacles.shape[0] + 12 + 4 * (p + m))
+    index = np.empty(HEADER + ROW * (r + p) + 3 * m, dtype=np.int64)
+    numbers[:NUMBERS] = header
+    at, row, first = NUMBERS, HEADER, 0
+    for i in range(r):
+        at = _put_piece(robot, first, robot_ends[i], True, numbers, at, index, row)
+        row, first = row + ROW, robot_ends[i]
+    first = 0
+    for i in range(p - 4):
+        at = _put_piece(obstacles, first, obstacle_ends[i], False, numbers, at, index, row)
+        row, first = row + ROW, obstacle_ends[i]
+    for k in _SIDES:
+        index[row], index[row + 1], index[row + 2], index[row + 3], index[row + 4] = at, 0, at, 1, 0
+        inward = 1.0 if k < 2 else -1.0
+        numbers[at : at + 2] = 0.0
+        numbers[at + k % 2], numbers[at + 2] = inward, inward * bounds[k]
+        at, row = at + 3, row + ROW
+    index[0], index[1], index[2], index[3], index[4] = r, p, at, m, row
+    index[5], index[6] = at + 4 * p, p - 4 if m > 0 else 0
+    numbers[at : at + 4 * p - 16] = boxes.ravel()
+    at += 4 * p - 16
+    for k in _SIDES:
+        numbers[at : at + 2], numbers[at + 2 : at + 4] = -np.inf, np.inf
+        numbers[at + (k + 2) % 4] = bounds[k]
+        at += 4
+    numbers[at : at + 4 * m] = nodes.ravel()
+    index[row : row + 3 * m] = rows.ravel()
+    return numbers[: at + 4 * m].copy(), index
+
+
+@njit(cache=True)
+def _put_piece(
+    xy: FloatArray,
+    first: int,
+    last: int,
+    norms: bool,
+    numbers: FloatArray,
+    at: int,
+    index: IntArray,
+    row: int,
+) -> int:
+    """Write a piece's vertices, its axes (nx, ny, max n.v) and its row; return where its numbers end."""
+    index[row], index[row + 1] = at, last - first
+    for k in range(first, last):
+        numbers[at], numbers[at + 1] = xy[k, 0], xy[k, 1]
+        at += 2
+        if norms:
+            numbers[at] = math.hypot(xy[k, 0], xy[k, 1])
+            at += 1
+    edges = last - first if last - first > 1 else 0
+    index[row + 2], index[row + 3] = at, edges
+    for k in range(first, first + edges):
+        after = k + 1 if k + 1 < last else first
+        ex, ey = xy[after, 0] - xy[k, 0], xy[after, 1] - xy[k, 1]
+        length = math.hypot(ex, ey)
+        nx, ny, offset = ey / length, -ex / length, -np.inf
+        for v in range(first, last):
+            offset = max(offset, nx * xy[v, 0] + ny * xy[v, 1])
+        numbers[at], numbers[at + 1], numbers[at + 2] = nx, ny, offset
+        at += 3
+    index[row + 4] = 1 if edges == 0 else 0
+    bx, by = (numbers[at - 3], numbers[at - 2]) if edges else (0.0, 0.0)
+    for e in range(at - 3 * edges, at, 3):
+        if numbers[e] * bx + numbers[e + 1] * by < _SHARP:
+            index[row + 4] = 1
+        bx, by = numbers[e], numbers[e + 1]
+    return at
