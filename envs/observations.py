@@ -11,7 +11,8 @@ import numpy as np
 from gymnasium import spaces
 from numpy.typing import NDArray
 
-from guided_gym.errors import InvalidInputError
+from guided_gym.checks import affordable, integer
+from guided_gym.errors import InvalidInputError, warn
 from guided_gym.geometry.environment import Environment
 from guided_gym.search.search import Expansion, Search
 from guided_gym.search.tree import NO_PARENT
@@ -43,6 +44,7 @@ class NodeColumn(IntEnum):
 
 COLUMNS: Final = len(NodeColumn)
 MAX_COST: Final = 4.0
+SMALLEST_IMAGE: Final = 36  # below it, NatureCNN's convolutions leave nothing
 _PLACE_IN_TREE: Final = slice(int(NodeColumn.COST_TO_COME), int(NodeColumn.FAILURES) + 1)
 # Bounds of each column: signed up to GOAL_SIN, then not.
 _LOW: Final = np.where(np.arange(COLUMNS) <= NodeColumn.GOAL_SIN, -1, 0).astype(np.float32)
@@ -78,6 +80,11 @@ def node_table(observation: Mapping[str, NDArray[Any]], columns: int = COLUMNS) 
     return nodes.reshape(*nodes.shape[:-1], -1, columns)
 
 
+def node_bytes(max_nodes: int) -> int:
+    """Bytes of an observation of that many nodes, the raster apart: features, parent and mask of each."""
+    return max_nodes * (4 * COLUMNS + 5)
+
+
 def rollout_bytes(max_nodes: int = 256, raster: int = 64, environments: int = 8, steps: int = 2048) -> int:
     """Bytes of a PPO rollout buffer over the default observation, with masks.
 
@@ -110,16 +117,21 @@ class TreeObservation:
     For robots with two position coordinates and at most one angle; inject another observer for others.
 
     Args:
-        raster: Cells along each side of the raster.
+        raster: Cells along each side of the raster; below `SMALLEST_IMAGE` a warning is given.
 
     Raises:
-        InvalidInputError: raster is not positive.
+        InvalidInputError: raster is no positive integer, or takes too much memory.
     """
 
     def __init__(self, raster: int = 64) -> None:
-        if raster < 1:
-            raise InvalidInputError(f"raster: expected at least 1 cell a side, got {raster!r}")
-        self._raster = raster
+        self._raster = integer("raster", raster, least=1)
+        # Four points a cell, in float64, while it is drawn.
+        affordable("raster", raster, 2 * 8 * (2 * self._raster) ** 2, "a picture of the workspace")
+        if self._raster < SMALLEST_IMAGE:
+            warn(
+                f"raster={raster}: the default network of stable-baselines3 (NatureCNN) needs at least "
+                f"{SMALLEST_IMAGE} cells a side; bring a network of your own, or take a larger raster"
+            )
         self._drawn: tuple[Environment, NDArray[np.uint8]] | None = None
 
     def build(self, max_nodes: int, max_samples: int) -> spaces.Dict:
