@@ -188,10 +188,10 @@ class GuidedSearchEnv(gymnasium.Env[Observation, Action]):
         self.action = action
         self.target_in_info = flag("target_in_info", target_in_info)
         self.render_mode = render_mode
-        self._reward = make_reward(reward)
+        self.reward = make_reward(reward)
         self._raises = on_invalid == "raise"
-        self._observer = _own_observer(observe, raster)
-        self._observed = self._observer.build(self.max_nodes, self.max_samples)
+        self.observer = _own_observer(observe, raster)
+        self._observed: spaces.Space[Any] = self.observer.build(self.max_nodes, self.max_samples)
         self.action_space = cast("spaces.Space[Action]", _action_space(action, self.max_nodes))
         self._search: Search | None = None
         self._renderer: Renderer | None = None
@@ -205,7 +205,7 @@ class GuidedSearchEnv(gymnasium.Env[Observation, Action]):
         return cast("spaces.Space[Observation]", copied)
 
     @observation_space.setter
-    def observation_space(self, space: spaces.Dict) -> None:
+    def observation_space(self, space: spaces.Space[Observation]) -> None:
         self._observed = space
 
     # The search, for those who need more than the observation ---------------------------------------------
@@ -261,7 +261,7 @@ class GuidedSearchEnv(gymnasium.Env[Observation, Action]):
         super().reset(seed=seed)
         search = self.begin(distribution, self.np_random, seed)
         self.measure = Measure(search)  # solves the oracle: no path, no episode
-        self._observer.reset(search)
+        self.observer.reset(search)
         self._search = search
         self._invalid = 0
         self._efficiency = 0.0
@@ -270,7 +270,7 @@ class GuidedSearchEnv(gymnasium.Env[Observation, Action]):
         self._areas = prepared_regions(search.problem)
         if self.render_mode == "human":
             self.render()
-        return self._observer.extract(search), self._info()
+        return self.observer.extract(search), self._info()
 
     def begin(self, distribution: ProblemDistribution, rng: np.random.Generator, seed: int | None) -> Search:
         """A new search for the next problem, or for that of a seed; ``rng`` is that of the episodes.
@@ -296,16 +296,16 @@ class GuidedSearchEnv(gymnasium.Env[Observation, Action]):
         search = self.search
         if self.finished:
             info = self._info(0.0, 0.0)
-            return self._observer.extract(search), 0.0, self._terminated, self._truncated, info
+            return self.observer.extract(search), 0.0, self._terminated, self._truncated, info
         choice = self._choose(search, action)
         if choice is None:
-            reward = self._reward.worst(self.options.target)
+            reward = self.reward.worst(self.options.target)
             self._invalid += 1
             self._efficiency, best = float(-np.log(self.options.target.epsilon)), self.measure.choice(0)[1]
         else:
-            reward = self._reward(choice)
+            reward = self.reward(choice)
             self._efficiency, best = choice.sampling_efficiency, choice.best_possible
-            self._observer.update(search, search.expand(choice.node, self._propose(search, choice.node)))
+            self.observer.update(search, search.expand(choice.node, self._propose(search, choice.node)))
         self._terminated = search.solved
         self._truncated = not search.solved and search.samples + self._invalid >= self.max_samples
         info = self._info(self._efficiency, best, invalid=choice is None)
@@ -313,7 +313,7 @@ class GuidedSearchEnv(gymnasium.Env[Observation, Action]):
             info["region"] = self._region(search, choice.node)
         if self.render_mode == "human":
             self.render()
-        return self._observer.extract(search), float(reward), self._terminated, self._truncated, info
+        return self.observer.extract(search), float(reward), self._terminated, self._truncated, info
 
     def render(self) -> NDArray[np.uint8] | None:  # type: ignore[override]
         """A picture of the search: (H, W, 3) uint8 for ``"rgb_array"``, in a window for ``"human"``.
