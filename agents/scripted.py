@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from guided_gym.envs.guided_search_env import GuidedSearchEnv
-from guided_gym.errors import GuidedGymError, InvalidInputError, UnknownNameError
+from guided_gym.errors import GuidedGymError, InvalidInputError, UnknownOptionError
 from guided_gym.guidance.base import GuidingSpace
 from guided_gym.guidance.registry import check_name, guidance_names, make_guidance
 from guided_gym.search.search import Search
@@ -124,22 +124,38 @@ class RandomAgent:
         self.name = "masked_random" if masked else "random"
         self._masked = masked
         self._rng = np.random.default_rng(seed)
+        self._env: gymnasium.Env[Any, Any] | None = None
         self._weights = False
         if env is not None:
             self.reset(env)
 
     def reset(self, env: gymnasium.Env[Any, Any]) -> None:
         """Take note of what kind of action ``env`` wants."""
+        self._env = env
         self._weights = isinstance(env.action_space, gymnasium.spaces.Box)
 
     def act(self, observation: Observation, info: Mapping[str, Any]) -> Action:
-        """A node drawn uniformly, or random weights."""
-        mask = observation["action_mask"]
+        """A node or guiding space drawn uniformly, or random weights.
+
+        Raises:
+            GuidedGymError: The agent was never given an environment, and the observation has no mask.
+        """
+        mask = self._mask(observation)
         if self._weights:
             weights = self._rng.random(mask.size, np.float32)
             return weights * mask.astype(np.float32) if self._masked else weights
         nodes = np.flatnonzero(mask)
         return int(self._rng.choice(nodes) if self._masked else self._rng.integers(mask.size))
+
+    def _mask(self, observation: object) -> NDArray[Any]:
+        """Which actions are valid: the observation says so, else the environment."""
+        if isinstance(observation, Mapping) and "action_mask" in observation:
+            return np.asarray(observation["action_mask"])
+        if self._env is None:
+            raise GuidedGymError(
+                f"agent {self.name!r}: expected reset(env) before act(), since the observation has no mask"
+            )
+        return np.asarray(self._env.get_wrapper_attr("action_masks")())
 
 
 # Agents that are no guiding spaces: one row each.
@@ -171,7 +187,7 @@ def make_agent(
     if isinstance(agent, str) and agent in AGENTS:
         for option in options:
             if option != "seed":
-                raise UnknownNameError(f"option of agent {agent!r}:", option, ["seed"])
+                raise UnknownOptionError(f"make_agent({agent!r})", option, ["seed"])
         return AGENTS[agent](env=env, **options)
     if isinstance(agent, str):
         check_name("agent", agent, agent_names())
@@ -234,10 +250,10 @@ def rollout(
     return EpisodeResult(
         solved=bool(info["solved"]),
         samples=info["samples"],
-        nodes=info["nodes"],
+        nodes=info["tree_size"],
         collision_checks=info["collision_checks"],
         total_reward=float(table[:, 0].sum()),
-        cost=info.get("cost", float("inf")),
+        cost=info["cost"],
         rewards=table[:, 0].copy(),
         efficiency=table[:, 1].copy(),
         best=table[:, 2].copy(),

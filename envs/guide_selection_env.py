@@ -10,8 +10,8 @@ import numpy as np
 from gymnasium import spaces
 from numpy.typing import NDArray
 
-from guided_gym.envs.guided_search_env import OPTIONS, GuidedSearchEnv
-from guided_gym.errors import InvalidInputError, UnknownNameError
+from guided_gym.envs.guided_search_env import OPTIONS, GuidedSearchEnv, as_index
+from guided_gym.errors import UnknownOptionError
 from guided_gym.guidance.base import GuidingSpace
 from guided_gym.guidance.hybrid import Hybrid
 from guided_gym.guidance.learned.turns import Turns, bounds
@@ -26,7 +26,8 @@ if TYPE_CHECKING:
     from guided_gym.search.search import Expansion, Search
 
 DEFAULT_GUIDES: Final = ("lazy_prm", "medial_axis")
-_OWN: Final = ("action", "expansion", "observe", "raster", "max_nodes", "on_invalid", "target_in_info")
+_OWN: Final = ("action", "expansion", "observe", "raster", "max_nodes", "target_in_info")
+_NOBODY: Final = -1  # a node that there is not: what an invalid choice of a guide asks for
 SELECTION_OPTIONS: Final = ("guides", *(name for name in OPTIONS if name not in _OWN))
 
 
@@ -46,8 +47,11 @@ class GuideSelectionEnv(gymnasium.Env[NDArray[np.float32], int]):
         ``Box`` of 5 + 13 k numbers: `guided_gym.guidance.rules.SearchColumn`, then
         `guided_gym.guidance.rules.GuideColumn` of each guiding space; nothing of the oracle.
 
-    Rewards, episode end, info and randomness:
-        As in `GuidedSearchEnv`. ``reset(seed=k)`` gives the tree that ``guided_search`` gives with a `Hybrid`
+    Rewards, invalid actions, episode end, info and randomness:
+        As in `GuidedSearchEnv`: a guiding space that there is not counts as a sample and changes nothing.
+
+        All there are may be chosen at any time (`action_masks`).
+        ``reset(seed=k)`` gives the tree that ``guided_search`` gives with a `Hybrid`
         of the same guides, if its rule makes the same choices.
 
     Args:
@@ -55,11 +59,12 @@ class GuideSelectionEnv(gymnasium.Env[NDArray[np.float32], int]):
         guides: Guiding spaces to choose from, or their names; instances are copied.
         max_samples: Steps until truncation.
         split: ``"train"``, ``"validation"`` or ``"test"``; None for the whole distribution.
-        **options: As in `GuidedSearchEnv`: reward, step, candidates, goal_tolerance, goal_edge, rewire,
-            target, render_mode.
+        **options: As in `GuidedSearchEnv`: reward, on_invalid, step, candidates, goal_tolerance, goal_edge,
+            rewire, target, render_mode.
 
     Raises:
-        UnknownNameError: An unknown name or option; the nearest one is suggested.
+        UnknownNameError: An unknown name or option; the nearest one is suggested. Of an option, it is a
+            TypeError, too.
         InvalidInputError: An option's value cannot be used.
     """
 
@@ -76,9 +81,7 @@ class GuideSelectionEnv(gymnasium.Env[NDArray[np.float32], int]):
     ) -> None:
         for name in options:
             if name not in SELECTION_OPTIONS:
-                raise UnknownNameError("option", name, SELECTION_OPTIONS)
-        if isinstance(max_samples, int | np.integer):  # else the search environment refuses it
-            options["max_nodes"] = max(int(max_samples) + 2, 3)
+                raise UnknownOptionError("GuideSelectionEnv()", name, SELECTION_OPTIONS)
         hybrid = Hybrid(make_guides(guides), rule=_AsTold())
         self.searching = GuidedSearchEnv(
             distribution,
@@ -114,29 +117,37 @@ class GuideSelectionEnv(gymnasium.Env[NDArray[np.float32], int]):
         self, *, seed: int | None = None, options: dict[str, Any] | None = None
     ) -> tuple[NDArray[np.float32], dict[str, Any]]:
         """Begin a search; see `GuidedSearchEnv.reset`."""
-        super().reset(seed=seed)
         _, info = self.searching.reset(seed=seed, options=options)
+        self._np_random, self._np_random_seed = self.searching.np_random, self.searching.np_random_seed
         self.searching.attach(self.hybrid)
         self._turns = Turns(self.hybrid.guides, self.search)
         self._observation = self._turns.observe()
         return self._observation.copy(), info
 
+    def action_masks(self) -> NDArray[np.bool_]:
+        """(k,) bool, all True: any guiding space may guide (the name MaskablePPO looks for)."""
+        return np.ones(len(self.guides), np.bool_)
+
     def step(self, action: int) -> tuple[NDArray[np.float32], float, bool, bool, dict[str, Any]]:
         """One sample, guided by the guiding space of that index.
 
         Raises:
-            InvalidInputError: There is no such guiding space.
+            InvalidInputError: An action of the wrong type; with ``on_invalid="raise"``, no such
+                guiding space.
             GuidedGymError: There was no reset yet.
         """
         search, samples = self.search, self.search.samples
-        if not self.action_space.contains(action):
-            raise InvalidInputError(f"action: expected 0 to {len(self.guides) - 1}, got {action!r}")
-        self.hybrid.current = int(action)
-        finished = search.solved or samples >= self.searching.max_samples
-        node = 0 if finished else self.hybrid.select(search.tree)
+        guide = as_index(action, "a guiding space")
+        valid = 0 <= guide < len(self.guides)
+        if not valid:
+            self.searching.refuse(f"0 to {len(self.guides) - 1}", guide)
+            node = _NOBODY
+        else:
+            self.hybrid.current = guide
+            node = 0 if self.searching.finished else self.hybrid.select(search.tree)
         _, reward, terminated, truncated, info = self.searching.step(node)
         if search.samples > samples and search.last is not None:
-            self._turns.note(int(action), search.last)
+            self._turns.note(guide, search.last)
             self._observation = self._turns.observe()
         return self._observation.copy(), float(reward), terminated, truncated, info
 

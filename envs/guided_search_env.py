@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import copy
+import math
 import operator
+from collections.abc import Mapping
 from typing import TYPE_CHECKING, Any, Final, SupportsFloat, cast
 
 import gymnasium
@@ -15,9 +17,15 @@ from numpy.typing import NDArray
 from guided_gym.catalogue.distributions import FixedProblem, ProblemDistribution
 from guided_gym.catalogue.splits import Split, in_split
 from guided_gym.catalogue.table import make_distribution
-from guided_gym.envs.observations import Observation, Observer, TreeObservation, valid_nodes
+from guided_gym.checks import affordable, flag, integer
+from guided_gym.envs.observations import Observation, Observer, TreeObservation, node_bytes, valid_nodes
 from guided_gym.envs.rewards import Choice, Reward, make_reward
-from guided_gym.errors import GuidedGymError, InvalidInputError, UnknownNameError
+from guided_gym.errors import (
+    GuidedGymError,
+    InvalidInputError,
+    UnknownNameError,
+    UnknownOptionError,
+)
 from guided_gym.guidance.base import GuidingSpace, draw
 from guided_gym.guidance.registry import make_expander
 from guided_gym.measure.target import Measure, sampling_efficiency
@@ -31,6 +39,8 @@ if TYPE_CHECKING:
 
 Action = int | NDArray[Any]
 
+DEFAULT_NODES: Final = 256
+NO_REGION: Final = -1
 ACTIONS: Final = ("node", "distribution")
 ON_INVALID: Final = ("noop", "raise")
 OPTIONS: Final = (
@@ -78,12 +88,13 @@ class GuidedSearchEnv(gymnasium.Env[Observation, Action]):
 
     Rewards:
         ``reward="efficiency"``: -SE, which is -D_KL(P || Q) against the smoothed target Q on the tree as it
-        stood, so log Q(u) for a chosen node u. ``reward="jensen_shannon"``: -D_JS(P || Q).
-        0 after the search has finished.
+        stood, so log Q(u) for a chosen node u. ``"regret"``: best possible - SE, 0 for the best choice.
+        ``"jensen_shannon"``: -D_JS(P || Q). ``"sample"``: -1. Weights of several, like
+        ``{"regret": 1, "sample": 0.1}``, add them up. 0 after the search has finished.
 
     Invalid actions:
         A node that there is not, or weights that are negative or not numbers, change nothing but count as a
-        sample; the reward is the worst there is, log epsilon (for Jensen-Shannon, -log 2), and
+        sample; the reward is the worst there is (log epsilon for -SE and the regret), and
         ``info["invalid_action"]`` is True. ``on_invalid="raise"`` raises instead.
 
     Episode end:
@@ -93,11 +104,11 @@ class GuidedSearchEnv(gymnasium.Env[Observation, Action]):
         that and problems without a path are drawn again.
 
     Info:
-        Scalars: solved, samples, nodes, collision_checks, invalid_action; after a step also
-        sampling_efficiency, best_possible (-log max Q) and, if the problem names regions, region (of the
-        chosen node, "" outside all); at the end cost (length of the path). With ``target_in_info`` also
-        target, the (max_nodes,) Q over the observed tree, padded with zeros: it comes from the oracle and
-        is meant for imitation learning.
+        Always the same keys, scalars all of them: solved, samples, tree_size (nodes), collision_checks,
+        invalid_action; sampling_efficiency and best_possible (-log max Q) of this step, NaN after a reset;
+        cost (length of the path found, infinite while there is none); region (of the chosen node: which of
+        ``list(problem.regions)``, -1 for none). With ``target_in_info`` also target, the (max_nodes,) Q over
+        the observed tree, padded with zeros: it comes from the oracle and is meant for imitation learning.
 
     Randomness:
         ``reset(seed=k)`` gives the tree that ``guided_search(problem, guidance, seed=k)`` gives, if the same
@@ -109,12 +120,14 @@ class GuidedSearchEnv(gymnasium.Env[Observation, Action]):
         distribution: Name in the catalogue, a distribution, or a problem.
         split: ``"train"``, ``"validation"`` or ``"test"``: draw from these problems only, and pose number k
             of them with ``reset(seed=k)``; None for the whole distribution.
-        max_nodes: Size of the padded arrays and of the action space.
-        max_samples: Steps until truncation; None for max_nodes - 2.
+        max_nodes: Size of the padded arrays and of the action space; None for max_samples + 2, 256 if that
+            is None, too.
+        max_samples: Steps until truncation; None for max_nodes - 2. ``max_episode_steps`` of
+            ``gymnasium.make`` can only make episodes shorter: the environment is not told of it.
         expansion: Who proposes the configuration: ``"uniform"`` in the ball around the node, or a guiding
             space (a name, or an instance that is copied).
         action: ``"node"`` or ``"distribution"``.
-        reward: ``"efficiency"``, ``"jensen_shannon"`` or an object like `guided_gym.envs.rewards.Reward`.
+        reward: A name, weights of names, or an object like `guided_gym.envs.rewards.Reward`.
         on_invalid: ``"noop"`` or ``"raise"``.
         step: Radius of the ball; None for 5 % of the workspace's diagonal.
         candidates: Members of the ball that a guided expansion looks at.
@@ -140,11 +153,11 @@ class GuidedSearchEnv(gymnasium.Env[Observation, Action]):
         distribution: str | ProblemDistribution | Problem = "SimplePassage",
         *,
         split: str | Split | None = None,
-        max_nodes: int = 256,
+        max_nodes: int | None = None,
         max_samples: int | None = None,
         expansion: str | GuidingSpace = "uniform",
         action: str = "node",
-        reward: str | Reward = "efficiency",
+        reward: str | Mapping[str, float] | Reward = "efficiency",
         on_invalid: str = "noop",
         step: float | None = None,
         candidates: int = DEFAULT_CANDIDATES,
@@ -159,7 +172,7 @@ class GuidedSearchEnv(gymnasium.Env[Observation, Action]):
         **unknown: object,
     ) -> None:
         for name in unknown:
-            raise UnknownNameError("option", name, OPTIONS)
+            raise UnknownOptionError("GuidedSearchEnv()", name, OPTIONS)
         _check_choice("action", action, ACTIONS)
         _check_choice("on_invalid", on_invalid, ON_INVALID)
         _check_choice("render_mode", render_mode, (None, *self.metadata["render_modes"]))
@@ -173,16 +186,27 @@ class GuidedSearchEnv(gymnasium.Env[Observation, Action]):
         self.expansion = expansion  # as it was asked for; `expander` is who does it
         self.expander = _own_expander(expansion)
         self.action = action
-        self.target_in_info = target_in_info
+        self.target_in_info = flag("target_in_info", target_in_info)
         self.render_mode = render_mode
-        self._reward = make_reward(reward)
+        self.reward = make_reward(reward)
         self._raises = on_invalid == "raise"
-        self._observer: Observer = TreeObservation(raster) if observe is None else copy.deepcopy(observe)
-        observed = self._observer.build(self.max_nodes, self.max_samples)
-        self.observation_space = cast("spaces.Space[Observation]", observed)
+        self.observer = _own_observer(observe, raster)
+        self._observed: spaces.Space[Any] = self.observer.build(self.max_nodes, self.max_samples)
         self.action_space = cast("spaces.Space[Action]", _action_space(action, self.max_nodes))
         self._search: Search | None = None
         self._renderer: Renderer | None = None
+
+    @property
+    def observation_space(self) -> spaces.Space[Observation]:  # type: ignore[override]
+        """What observations look like; a copy, since wrappers (VecNormalize) write into what they get."""
+        copied = copy.copy(self._observed)
+        if isinstance(copied, spaces.Dict):
+            copied.spaces = dict(copied.spaces)
+        return cast("spaces.Space[Observation]", copied)
+
+    @observation_space.setter
+    def observation_space(self, space: spaces.Space[Observation]) -> None:
+        self._observed = space
 
     # The search, for those who need more than the observation ---------------------------------------------
 
@@ -207,6 +231,11 @@ class GuidedSearchEnv(gymnasium.Env[Observation, Action]):
         if not any(listener is guidance for listener in self.search.listeners):
             self.search.attach(guidance)
 
+    @property
+    def finished(self) -> bool:
+        """Whether the episode has ended: further steps change nothing."""
+        return self._terminated or self._truncated
+
     def action_masks(self) -> NDArray[np.bool_]:
         """(max_nodes,) bool, True for the nodes that may be expanded (the name MaskablePPO looks for)."""
         return valid_nodes(self.search, self.max_nodes)
@@ -227,25 +256,34 @@ class GuidedSearchEnv(gymnasium.Env[Observation, Action]):
             UnknownNameError: An unknown option.
             InvalidInputError: ``options["problem"]`` is not a problem.
         """
-        distribution = self._distribution_for(options)
+        distribution = self.distribution_for(options)
+        seed = checked_seed(seed)
         super().reset(seed=seed)
-        problem_rng, expansion_rng, guidance_rng = spawn(self.np_random)
-        if seed is None:
-            problem = distribution.draw(problem_rng, *self._ending)
-        else:
-            problem = distribution.problem(seed, *self._ending)
-        search = Search(problem, expansion_rng, guidance_rng, self.options, self.max_nodes)
+        search = self.begin(distribution, self.np_random, seed)
         self.measure = Measure(search)  # solves the oracle: no path, no episode
-        self._observer.reset(search)
+        self.observer.reset(search)
         self._search = search
         self._invalid = 0
         self._efficiency = 0.0
         self._terminated, self._truncated = search.solved, False
-        self._regions: dict[int, str] = {}
-        self._areas = _prepared(problem)
+        self._regions: dict[int, int] = {}
+        self._areas = prepared_regions(search.problem)
         if self.render_mode == "human":
             self.render()
-        return self._observer.extract(search), self._info(invalid=False)
+        return self.observer.extract(search), self._info()
+
+    def begin(self, distribution: ProblemDistribution, rng: np.random.Generator, seed: int | None) -> Search:
+        """A new search for the next problem, or for that of a seed; ``rng`` is that of the episodes.
+
+        Raises:
+            NoPathError: No problem with a path could be drawn.
+        """
+        problem_rng, expansion_rng, guidance_rng = spawn(rng)
+        if seed is None:
+            problem = distribution.draw(problem_rng, *self._ending)
+        else:
+            problem = distribution.problem(seed, *self._ending)
+        return Search(problem, expansion_rng, guidance_rng, self.options, self.max_nodes)
 
     def step(self, action: Action) -> tuple[Observation, SupportsFloat, bool, bool, dict[str, Any]]:
         """One sample: expand the chosen node.
@@ -256,33 +294,26 @@ class GuidedSearchEnv(gymnasium.Env[Observation, Action]):
             GuidedGymError: There was no reset yet.
         """
         search = self.search
-        if self._terminated or self._truncated:
-            info = self._info(invalid=False) | {"sampling_efficiency": 0.0, "best_possible": 0.0}
-            return self._observer.extract(search), 0.0, self._terminated, self._truncated, info
+        if self.finished:
+            info = self._info(0.0, 0.0)
+            return self.observer.extract(search), 0.0, self._terminated, self._truncated, info
         choice = self._choose(search, action)
         if choice is None:
-            reward = self._reward.worst(self.options.target)
+            reward = self.reward.worst(self.options.target)
             self._invalid += 1
-            measured = {
-                "sampling_efficiency": float(-np.log(self.options.target.epsilon)),
-                "best_possible": self.measure.choice(0)[1],
-            }
+            self._efficiency, best = float(-np.log(self.options.target.epsilon)), self.measure.choice(0)[1]
         else:
-            reward = self._reward(choice)
-            measured = {
-                "sampling_efficiency": choice.sampling_efficiency,
-                "best_possible": choice.best_possible,
-            }
-            self._observer.update(search, search.expand(choice.node, self._propose(search, choice.node)))
-        self._efficiency = measured["sampling_efficiency"]
+            reward = self.reward(choice)
+            self._efficiency, best = choice.sampling_efficiency, choice.best_possible
+            self.observer.update(search, search.expand(choice.node, self._propose(search, choice.node)))
         self._terminated = search.solved
         self._truncated = not search.solved and search.samples + self._invalid >= self.max_samples
-        info = self._info(invalid=choice is None) | measured
+        info = self._info(self._efficiency, best, invalid=choice is None)
         if choice is not None and search.problem.regions:
             info["region"] = self._region(search, choice.node)
         if self.render_mode == "human":
             self.render()
-        return self._observer.extract(search), float(reward), self._terminated, self._truncated, info
+        return self.observer.extract(search), float(reward), self._terminated, self._truncated, info
 
     def render(self) -> NDArray[np.uint8] | None:  # type: ignore[override]
         """A picture of the search: (H, W, 3) uint8 for ``"rgb_array"``, in a window for ``"human"``.
@@ -310,7 +341,13 @@ class GuidedSearchEnv(gymnasium.Env[Observation, Action]):
 
     # Parts of a step --------------------------------------------------------------------------------------
 
-    def _distribution_for(self, options: dict[str, Any] | None) -> ProblemDistribution:
+    def distribution_for(self, options: dict[str, Any] | None) -> ProblemDistribution:
+        """Where the next problem comes from, given the options of `reset`.
+
+        Raises:
+            UnknownNameError: An unknown option.
+            InvalidInputError: ``options["problem"]`` is not a problem.
+        """
         for name in options or ():
             if name != "problem":
                 raise UnknownNameError("reset option", name, ["problem"])
@@ -331,9 +368,9 @@ class GuidedSearchEnv(gymnasium.Env[Observation, Action]):
     def _choose(self, search: Search, action: Action) -> Choice | None:
         """The measured choice that an action stands for; None for an invalid one."""
         if self.action == "node":
-            node = _as_index(action)
+            node = as_index(action, "a node")
             if not 0 <= node < len(search.tree):
-                self._refuse(f"a node from 0 to {len(search.tree) - 1}", node)
+                self.refuse(f"a node from 0 to {len(search.tree) - 1}", node)
                 return None
             efficiency, best = self.measure.choice(node)
             return Choice(self.measure, node, None, efficiency, best)
@@ -342,50 +379,88 @@ class GuidedSearchEnv(gymnasium.Env[Observation, Action]):
             raise InvalidInputError(f"action: expected {self.max_nodes} weights, got shape {weights.shape}")
         weights = weights[: len(search.tree)]
         if not (np.isfinite(weights).all() and (weights >= 0).all()):
-            self._refuse("finite weights >= 0", action)
+            self.refuse("finite weights >= 0", action)
             return None
-        p = weights / weights.sum() if weights.any() else np.full(weights.size, 1 / weights.size)
+        p = _normalised(weights)
         q = self.measure.distribution()
         return Choice(
             self.measure, draw(p, self.np_random), p, sampling_efficiency(p, q), -float(np.log(q.max()))
         )
 
-    def _refuse(self, expected: str, action: object) -> None:
+    def refuse(self, expected: str, action: object) -> None:
+        """Take note that an action is invalid.
+
+        Raises:
+            InvalidInputError: With ``on_invalid="raise"``.
+        """
         if self._raises:
             raise InvalidInputError(f"action: expected {expected}, got {action!r}")
 
-    def _info(self, invalid: bool) -> dict[str, Any]:
+    def _info(
+        self, efficiency: float = math.nan, best: float = math.nan, invalid: bool = False
+    ) -> dict[str, Any]:
         search = self.search
         info: dict[str, Any] = {
             "solved": search.solved,
             "samples": search.samples + self._invalid,
-            "nodes": len(search.tree),
+            "tree_size": len(search.tree),
             "collision_checks": search.collision_checks,
             "invalid_action": invalid,
+            "sampling_efficiency": float(efficiency),
+            "best_possible": float(best),
+            "cost": path_cost(search),
+            "region": NO_REGION,
         }
-        if search.solved:
-            path = search.path()
-            info["cost"] = 0.0 if path is None else float(search.space.distance(path[:-1], path[1:]).sum())
         if self.target_in_info:
             q = self.measure.distribution()
             info["target"] = np.concatenate([q, np.zeros(self.max_nodes - q.size)])
         return info
 
-    def _region(self, search: Search, node: int) -> str:
-        """Name of the region that a node's reference point is in; "" outside all."""
+    def _region(self, search: Search, node: int) -> int:
+        """Index of the region that a node's reference point is in; NO_REGION outside all."""
         if node not in self._regions:
-            names, areas = self._areas
-            x, y = search.tree.nodes.configurations[node, :2].tolist()
-            inside = np.flatnonzero(shapely.intersects_xy(areas, x, y))
-            self._regions[node] = names[inside[0]] if inside.size else ""
+            q = search.tree.nodes.configurations[node : node + 1]
+            self._regions[node] = int(regions_of(self._areas, q)[0])
         return self._regions[node]
 
 
-def _prepared(problem: Problem) -> tuple[list[str], NDArray[np.object_]]:
-    """Names and areas of the problem's regions, quick to ask."""
+def prepared_regions(problem: Problem) -> NDArray[np.object_]:
+    """(r,) the areas of the problem's regions, quick to ask."""
     areas = np.array(list(problem.regions.values()), dtype=object)
     shapely.prepare(areas)
-    return list(problem.regions), areas
+    return areas
+
+
+def regions_of(areas: NDArray[np.object_], configurations: NDArray[np.float64]) -> NDArray[np.int64]:
+    """(n,) which of the areas each of (n, d) configurations' reference point is in, NO_REGION outside all."""
+    xy = configurations[:, :2]
+    inside = shapely.intersects_xy(areas, xy[:, :1], xy[:, 1:])
+    return np.where(inside.any(axis=1), inside.argmax(axis=1), NO_REGION)
+
+
+def path_cost(search: Search) -> float:
+    """Length of the shortest path found; infinite while there is none."""
+    path = search.path()
+    return math.inf if path is None else float(search.space.distance(path[:-1], path[1:]).sum())
+
+
+def checked_seed(seed: object) -> int | None:
+    """A seed as gymnasium takes it.
+
+    Raises:
+        InvalidInputError: It is no integer >= 0 (a boolean is none), nor None.
+    """
+    return None if seed is None else integer("seed", seed, least=0)
+
+
+def _normalised(weights: NDArray[np.float64]) -> NDArray[np.float64]:
+    """(n,) probabilities of finite weights >= 0; uniform if all of them are 0."""
+    largest = weights.max()
+    if largest == 0:
+        return np.full(weights.size, 1 / weights.size)
+    scaled = weights / largest  # their sum may be too large for a number
+    p: NDArray[np.float64] = scaled / scaled.sum()
+    return p
 
 
 def _check_choice(option: str, value: object, known: tuple[str | None, ...]) -> None:
@@ -393,20 +468,21 @@ def _check_choice(option: str, value: object, known: tuple[str | None, ...]) -> 
         raise UnknownNameError(option, value, [str(name) for name in known])
 
 
-def _checked_sizes(max_nodes: int, max_samples: int | None) -> tuple[int, int]:
-    for name, value, least in (("max_nodes", max_nodes, 3), ("max_samples", max_samples, 1)):
-        if value is None:
-            continue
-        if not isinstance(value, int | np.integer) or isinstance(value, bool) or value < least:
-            raise InvalidInputError(f"{name}: expected an integer >= {least}, got {value!r}")
+def _checked_sizes(max_nodes: int | None, max_samples: int | None) -> tuple[int, int]:
+    if max_samples is not None:
+        max_samples = integer("max_samples", max_samples, least=1)
+    if max_nodes is None:
+        max_nodes = DEFAULT_NODES if max_samples is None else max(max_samples + 2, 3)
+    max_nodes = integer("max_nodes", max_nodes, least=3)
+    affordable("max_nodes", max_nodes, node_bytes(max_nodes), "the observation of a tree")
     if max_samples is None:
-        return int(max_nodes), int(max_nodes) - 2
+        return max_nodes, max_nodes - 2
     if max_nodes < max_samples + 1:
         raise InvalidInputError(
             f"max_nodes: expected at least max_samples + 1 = {max_samples + 1} (the root and a node per "
             f"sample), got {max_nodes}"
         )
-    return int(max_nodes), int(max_samples)
+    return max_nodes, max_samples
 
 
 def _checked_target(target: TargetParameters, max_nodes: int) -> TargetParameters:
@@ -417,9 +493,20 @@ def _checked_target(target: TargetParameters, max_nodes: int) -> TargetParameter
     if target.epsilon * max_nodes >= 1:
         # The target would be uniform there, and its SE worse than what an invalid action costs.
         raise InvalidInputError(
-            f"max_nodes: expected fewer than 1 / epsilon = {1 / target.epsilon:g}, got {max_nodes}"
+            f"max_nodes (max_samples + 2 unless given): expected fewer than 1 / epsilon = "
+            f"{1 / target.epsilon:g}, got {max_nodes}"
         )
     return target
+
+
+def _own_observer(observe: Observer | None, raster: int) -> Observer:
+    """The observer of one environment: a copy, since ``gym.make_vec`` gives all of them the same one."""
+    if observe is None:
+        return TreeObservation(raster)
+    for method in ("build", "reset", "update", "extract"):
+        if not callable(getattr(observe, method, None)):
+            raise InvalidInputError(f"observe: expected an object with a method {method}, got {observe!r}")
+    return copy.deepcopy(observe)
 
 
 def _action_space(action: str, max_nodes: int) -> spaces.Space[Any]:
@@ -452,10 +539,15 @@ def _own_expander(expansion: str | GuidingSpace) -> GuidingSpace | None:
     return make_expander(expansion) if isinstance(expansion, str) else copy.deepcopy(expansion)
 
 
-def _as_index(action: Action) -> int:
+def as_index(action: object, of: str) -> int:
+    """An action as an integer; arrays of one element are taken, too.
+
+    Raises:
+        InvalidInputError: It is none.
+    """
     if isinstance(action, np.ndarray) and action.size == 1:
         action = action.item()
     try:
         return operator.index(action)  # type: ignore[arg-type]
     except TypeError:
-        raise InvalidInputError(f"action: expected the index of a node, got {action!r}") from None
+        raise InvalidInputError(f"action: expected the index of {of}, got {action!r}") from None

@@ -11,8 +11,10 @@ import numpy as np
 from gymnasium import spaces
 from numpy.typing import NDArray
 
-from guided_gym.errors import InvalidInputError
+from guided_gym.checks import affordable, integer
+from guided_gym.errors import InvalidInputError, warn
 from guided_gym.geometry.environment import Environment
+from guided_gym.kernels import observe as kernel
 from guided_gym.search.search import Expansion, Search
 from guided_gym.search.tree import NO_PARENT
 
@@ -43,7 +45,7 @@ class NodeColumn(IntEnum):
 
 COLUMNS: Final = len(NodeColumn)
 MAX_COST: Final = 4.0
-_PLACE_IN_TREE: Final = slice(int(NodeColumn.COST_TO_COME), int(NodeColumn.FAILURES) + 1)
+SMALLEST_IMAGE: Final = 36  # below it, NatureCNN's convolutions leave nothing
 # Bounds of each column: signed up to GOAL_SIN, then not.
 _LOW: Final = np.where(np.arange(COLUMNS) <= NodeColumn.GOAL_SIN, -1, 0).astype(np.float32)
 _HIGH: Final = np.where(np.arange(COLUMNS) == NodeColumn.COST_TO_COME, MAX_COST, 1).astype(np.float32)
@@ -78,6 +80,11 @@ def node_table(observation: Mapping[str, NDArray[Any]], columns: int = COLUMNS) 
     return nodes.reshape(*nodes.shape[:-1], -1, columns)
 
 
+def node_bytes(max_nodes: int) -> int:
+    """Bytes of an observation of that many nodes, the raster apart: features, parent and mask of each."""
+    return max_nodes * (4 * COLUMNS + 5)
+
+
 def rollout_bytes(max_nodes: int = 256, raster: int = 64, environments: int = 8, steps: int = 2048) -> int:
     """Bytes of a PPO rollout buffer over the default observation, with masks.
 
@@ -110,16 +117,21 @@ class TreeObservation:
     For robots with two position coordinates and at most one angle; inject another observer for others.
 
     Args:
-        raster: Cells along each side of the raster.
+        raster: Cells along each side of the raster; below `SMALLEST_IMAGE` a warning is given.
 
     Raises:
-        InvalidInputError: raster is not positive.
+        InvalidInputError: raster is no positive integer, or takes too much memory.
     """
 
     def __init__(self, raster: int = 64) -> None:
-        if raster < 1:
-            raise InvalidInputError(f"raster: expected at least 1 cell a side, got {raster!r}")
-        self._raster = raster
+        self.raster = integer("raster", raster, least=1)
+        # Four points a cell, in float64, while it is drawn.
+        affordable("raster", raster, 2 * 8 * (2 * self.raster) ** 2, "a picture of the workspace")
+        if self.raster < SMALLEST_IMAGE:
+            warn(
+                f"raster={raster}: the default network of stable-baselines3 (NatureCNN) needs at least "
+                f"{SMALLEST_IMAGE} cells a side; bring a network of your own, or take a larger raster"
+            )
         self._drawn: tuple[Environment, NDArray[np.uint8]] | None = None
 
     def build(self, max_nodes: int, max_samples: int) -> spaces.Dict:
@@ -127,11 +139,9 @@ class TreeObservation:
         self._max_nodes = max_nodes
         self._nodes = np.zeros((max_nodes, COLUMNS), np.float32)
         self._parents = np.full(max_nodes, NO_PARENT, np.int32)
-        self._counts: list[float] = (
-            (np.log1p(np.arange(max_samples + 2)) / math.log1p(max(max_samples, 1))).clip(max=1).tolist()
-        )
+        self._counts = shown_counts(max_samples)
         low, high = np.tile(_LOW, max_nodes), np.tile(_HIGH, max_nodes)
-        n = self._raster
+        n = self.raster
         return spaces.Dict(
             {
                 "nodes": spaces.Box(low, high, dtype=np.float32),
@@ -156,18 +166,15 @@ class TreeObservation:
                 "observe: TreeObservation describes two position coordinates and at most one angle, got a "
                 f"robot of {space.dimension} dimensions, {angles.size} of them angles; pass your own observer"
             )
-        self._angle = int(angles[0]) if angles.size else -1
-        lower, size = space.lower[:2], (space.upper - space.lower)[:2]
-        self._low, self._size = lower.tolist(), size.tolist()
-        self._goal: list[float] = search.goal.tolist()
-        self._turn_weight = float(space.weights[self._angle]) if angles.size else 0.0
-        self._unit = math.hypot(*self._size, math.pi * self._turn_weight)
-        self._room = min(self._size) / 2
+        self._scales = scales_of(search)
         self._nodes.fill(0.0)
         self._parents.fill(NO_PARENT)
         self._n = 0
         self._rewirings = search.tree.rewirings
-        self._ends = {"start": self._pose(search.start), "goal": self._pose(search.goal)}
+        self._ends = {
+            "start": observed_pose(search.start, self._scales),
+            "goal": observed_pose(search.goal, self._scales),
+        }
         self._add_nodes(search)
 
     def update(self, search: Search, expansion: Expansion) -> None:
@@ -194,60 +201,58 @@ class TreeObservation:
 
     def _add_nodes(self, search: Search) -> None:
         for i in range(self._n, len(search.tree)):
-            self._write_configuration(search, i)
+            q, geometry = search.tree.nodes.configurations[i], search.space.geometry
+            kernel.observe_configuration(self._nodes[i], q, search.goal, self._scales, geometry)
             self._write_place_in_tree(search, i)
         self._n = len(search.tree)
 
-    def _write_configuration(self, search: Search, i: int) -> None:
-        """The columns that depend on the configuration alone, so are written once."""
-        q = search.tree.nodes.configurations[i]
-        values, goal, turns = q.tolist(), self._goal, self._angle >= 0
-        (x0, y0), (width, height) = self._low, self._size
-        angle = values[self._angle] if turns else 0.0
-        turn = math.remainder(goal[self._angle] - angle, 2 * math.pi) if turns else 0.0
-        dx, dy = goal[0] - values[0], goal[1] - values[1]
-        row = self._nodes[i]
-        row[:] = (
-            2 * (values[0] - x0) / width - 1,
-            2 * (values[1] - y0) / height - 1,
-            math.cos(angle),
-            math.sin(angle),
-            dx / width,
-            dy / height,
-            math.cos(turn),
-            math.sin(turn),
-            math.hypot(dx, dy, self._turn_weight * turn) / self._unit,
-            0.0,
-            0.0,
-            0.0,
-            0.0,
-            float(search.space.clearance(q)) / self._room,
-        )
-        # Positions may leave the bounds where the robot lies beside its reference point.
-        np.clip(row, _LOW, _HIGH, out=row)
-
     def _write_place_in_tree(self, search: Search, i: int) -> None:
         """The columns that change while the tree grows."""
-        tree, counts = search.tree, self._counts
-        last = len(counts) - 1
-        self._nodes[i, _PLACE_IN_TREE] = (
-            min(tree.nodes.costs.item(i) / self._unit, MAX_COST),
-            counts[min(tree.nodes.depths.item(i), last)],
-            counts[min(tree.nodes.children.item(i), last)],
-            counts[min(tree.nodes.failures.item(i), last)],
-        )
-        self._parents[i] = tree.nodes.parents[i]
-
-    def _pose(self, q: NDArray[np.float64]) -> NDArray[np.float32]:
-        angle = float(q[self._angle]) if self._angle >= 0 else 0.0
-        x, y = (2 * (float(q[k]) - self._low[k]) / self._size[k] - 1 for k in (0, 1))
-        return np.array([x, y, math.cos(angle), math.sin(angle)], np.float32).clip(-1, 1)
+        nodes = search.tree.nodes
+        counts = (nodes.depths.item(i), nodes.children.item(i), nodes.failures.item(i))
+        unit = self._scales.item(kernel.UNIT)
+        kernel.observe_place(self._nodes[i], nodes.costs.item(i), counts, unit, MAX_COST, self._counts)
+        self._parents[i] = nodes.parents[i]
 
     def _workspace(self, environment: Environment) -> NDArray[np.uint8]:
         if self._drawn is None or self._drawn[0] is not environment:
-            # Four points a cell: a wall half as thin as a cell leaves its trace.
-            n = self._raster
-            points = environment.raster(2 * n).reshape(n, 2, n, 2)
-            covered = points.sum(axis=(1, 3), dtype=np.uint16) * 255 // 4
-            self._drawn = (environment, covered.astype(np.uint8)[np.newaxis])
+            self._drawn = (environment, drawn_workspace(environment, self.raster))
         return self._drawn[1]
+
+
+def scales_of(search: Search) -> NDArray[np.float64]:
+    """(SCALES,) by which the features of a search's nodes are divided, as the kernels take them."""
+    space = search.space
+    angles = np.flatnonzero(space.periods)
+    size = (space.upper - space.lower)[:2]
+    scales = np.zeros(kernel.SCALES)
+    scales[[kernel.X, kernel.Y]], scales[[kernel.WIDTH, kernel.HEIGHT]] = space.lower[:2], size
+    scales[kernel.ANGLE] = angles[0] if angles.size else -1
+    scales[kernel.TURN_WEIGHT] = space.weights[angles[0]] if angles.size else 0.0
+    scales[kernel.UNIT] = math.hypot(*size, math.pi * scales[kernel.TURN_WEIGHT])
+    scales[kernel.ROOM] = size.min() / 2
+    return scales
+
+
+def observed_pose(q: NDArray[np.float64], scales: NDArray[np.float64]) -> NDArray[np.float32]:
+    """(4,) x, y, cos, sin of a configuration, scaled like the nodes."""
+    periodic = int(scales[kernel.ANGLE])
+    angle = float(q[periodic]) if periodic >= 0 else 0.0
+    low, size = scales[[kernel.X, kernel.Y]], scales[[kernel.WIDTH, kernel.HEIGHT]]
+    x, y = (2 * (q[:2] - low) / size - 1).tolist()
+    return np.array([x, y, math.cos(angle), math.sin(angle)], np.float32).clip(-1, 1)
+
+
+def shown_counts(max_samples: int) -> NDArray[np.float64]:
+    """(max_samples + 2,) what is shown of each count: its logarithm, at most 1."""
+    logarithms = np.log1p(np.arange(max_samples + 2)) / math.log1p(max(max_samples, 1))
+    return logarithms.clip(max=1)
+
+
+def drawn_workspace(environment: Environment, raster: int) -> NDArray[np.uint8]:
+    """(1, raster, raster) 255 times the share of each cell that obstacles cover, row 0 at the bottom."""
+    # Four points a cell: a wall half as thin as a cell leaves its trace.
+    points = environment.raster(2 * raster).reshape(raster, 2, raster, 2)
+    covered = points.sum(axis=(1, 3), dtype=np.uint16) * 255 // 4
+    drawn: NDArray[np.uint8] = covered.astype(np.uint8)[np.newaxis]
+    return drawn

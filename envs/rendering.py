@@ -88,6 +88,10 @@ class Renderer:
         self._clock: Any = None
         self._dismissed = False
 
+    def __reduce__(self) -> tuple[Any, ...]:
+        """A copy draws afresh, in a window of its own: surfaces can be neither copied nor sent."""
+        return type(self), (self.size, self.fps)
+
     def frame(
         self, search: Search, *, target: Points | None = None, efficiency: float | None = None
     ) -> Pixels:

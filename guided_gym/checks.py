@@ -3,13 +3,18 @@
 from __future__ import annotations
 
 import math
-from typing import Any, TypeVar
+import os
+from typing import Any, Final, TypeVar
 
 import numpy as np
 
 from guided_gym.errors import InvalidInputError
 
 T = TypeVar("T")
+
+MEMORY_VARIABLE: Final = "GUIDED_GYM_MAX_MEMORY"
+MEMORY_LIMIT: Final = 4 * 10**9
+"""Bytes that one option may ask for, unless the environment variable says otherwise."""
 
 
 def number(
@@ -59,6 +64,41 @@ def integer(name: str, value: object, *, least: int) -> int:
     if isinstance(value, int | np.integer) and not isinstance(value, bool) and value >= least:
         return int(value)
     raise InvalidInputError(f"{name}: expected an integer, at least {least}, got {value!r}")
+
+
+def affordable(name: str, value: object, size: int, what: str) -> None:
+    """Refuse what would take more memory than a caller is likely to mean.
+
+    Args:
+        name: What the message calls the value.
+        value: What came.
+        size: Bytes that it would take.
+        what: What would take them.
+
+    Raises:
+        InvalidInputError: It is more than `MEMORY_VARIABLE` allows, by default `MEMORY_LIMIT`.
+    """
+    limit = _memory_limit()
+    if size > limit:
+        raise InvalidInputError(
+            f"{name}: {what} would take {_gigabytes(size)} of memory at {value!r}, expected at most "
+            f"{_gigabytes(limit)}; {MEMORY_VARIABLE} (bytes) raises the limit"
+        )
+
+
+def _memory_limit() -> int:
+    given = os.environ.get(MEMORY_VARIABLE, "").strip()
+    if not given:
+        return MEMORY_LIMIT
+    try:
+        return int(float(given))
+    except (ValueError, OverflowError):
+        raise InvalidInputError(f"{MEMORY_VARIABLE}: expected a number of bytes, got {given!r}") from None
+
+
+def _gigabytes(size: int) -> str:
+    # Integers of any size: those that make no float are not written out either.
+    return f"{size / 1e9:.3g} GB" if size < 10**24 else "more than 1e+15 GB"
 
 
 def flag(name: str, value: object) -> bool:

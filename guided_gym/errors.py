@@ -38,14 +38,36 @@ class UnknownNameError(GuidedGymError, KeyError):
 
     def placed(self, where: str) -> UnknownNameError:
         """This error, saying where in a longer text the name was, unless it does already."""
-        return self if where in self.message else _restored(f"{self.message} {where}", self.subject)
+        return (
+            self if where in self.message else _restored(f"{self.message} {where}", self.subject, type(self))
+        )
 
     def __reduce__(self) -> tuple[object, ...]:
-        return _restored, (self.message, self.subject)  # they alone come back from a worker process
+        return _restored, (
+            self.message,
+            self.subject,
+            type(self),
+        )  # they alone come back from a worker process
 
 
-def _restored(message: str, subject: str) -> UnknownNameError:
-    error = UnknownNameError.__new__(UnknownNameError, message)
+class UnknownOptionError(UnknownNameError, TypeError):
+    """An option that a constructor does not know: a TypeError, too, in the words that Python has for it.
+
+    Libraries that try whether an environment takes an option look for both. Gymnasium raises a TypeError
+    anew with a message of its own, so this is made of a message, too: ``UnknownOptionError(message)``.
+    """
+
+    def __init__(self, owner: str, name: object = None, known: Iterable[str] | None = None) -> None:
+        if known is None:
+            self.message, self.subject = owner, "option"
+        else:
+            super().__init__("option", name, known)
+            self.message = f"{owner} got an unexpected keyword argument {str(name)!r}: {self.message}"
+        self.args = (self.message,)
+
+
+def _restored(message: str, subject: str, cls: type[UnknownNameError] = UnknownNameError) -> UnknownNameError:
+    error = cls.__new__(cls, message)
     error.message, error.subject = message, subject
     return error
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from guided_gym.checks import flag, instance, integer, number
+from guided_gym.checks import affordable, flag, instance, integer, number
 from guided_gym.errors import InvalidInputError
 
 DEFAULT_CANDIDATES = 16
@@ -65,6 +65,8 @@ class SearchOptions:
     def __post_init__(self) -> None:
         if self.step is not None:
             number("step", self.step, above=0, what="length")
-        integer("candidates", self.candidates, least=1)
+        count = integer("candidates", self.candidates, least=1)
+        # Normal numbers, radii, the configurations and their states: about three rows of numbers each.
+        affordable("candidates", count, 96 * count, "a choice among so many")
         flag("rewire", self.rewire)
         instance("target", self.target, TargetParameters)

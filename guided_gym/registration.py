@@ -8,6 +8,7 @@ import gymnasium
 
 # By string, so that the core does not import the environment, which stands above it.
 ENTRY_POINT: Final = "guided_gym.envs.guided_search_env:GuidedSearchEnv"
+VECTOR_ENTRY_POINT: Final = "guided_gym.envs.vector_env:make_vector"
 
 # id -> name in `guided_gym.catalogue.table`. Behaviour changes of an environment need a new version suffix.
 ENVIRONMENTS: Final[dict[str, str]] = {
@@ -41,4 +42,9 @@ def register_environments() -> None:
     for entry_point, table in ((ENTRY_POINT, ENVIRONMENTS), (SELECTION_ENTRY_POINT, SELECTIONS)):
         for name, distribution in table.items():
             if name not in gymnasium.registry:
-                gymnasium.register(name, entry_point=entry_point, kwargs={"distribution": distribution})
+                gymnasium.register(
+                    name,
+                    entry_point=entry_point,
+                    vector_entry_point=VECTOR_ENTRY_POINT if entry_point is ENTRY_POINT else None,
+                    kwargs={"distribution": distribution},
+                )

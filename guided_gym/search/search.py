@@ -262,13 +262,24 @@ class Search:
         )
         rows = np.stack(record, axis=1)[:used]
         grown = int(np.count_nonzero(rows[:, 1] != NO_NODE))
-        tree.grown(grown, used - grown)
-        self.samples += used
         looks = grown - (outcome == REACHED_TOLERANCE) if task.by_edge else 0  # at the goal
-        self.collision_checks += used + looks
-        if outcome in (REACHED_TOLERANCE, REACHED):
-            self._reach(len(tree) - 1)
+        self.take_in(grown, used - grown, used + looks, outcome in (REACHED_TOLERANCE, REACHED))
         return rows
+
+    def take_in(self, nodes: int, failures: int, checks: int, reached: bool) -> None:
+        """Take in samples that a kernel has drawn and written behind the last nodes and failures.
+
+        Args:
+            nodes: How many nodes it wrote.
+            failures: How many failures.
+            checks: How many motions it looked at.
+            reached: Whether the last node reaches the goal.
+        """
+        self.tree.grown(nodes, failures)
+        self.samples += nodes + failures
+        self.collision_checks += checks
+        if reached:
+            self._reach(len(self.tree) - 1)
 
     def _reach(self, node: int) -> None:
         """Take note of a node that reaches the goal."""

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from gymnasium.utils.env_checker import check_env
 
-from guided_gym import GuideSelectionEnv, guided_search, make_distribution
+from guided_gym import GuideSelectionEnv, guided_search, make_agent, make_distribution, rollout
 from guided_gym.errors import InvalidInputError, UnknownNameError
 from guided_gym.guidance.hybrid import Hybrid
 from guided_gym.guidance.learned.turns import COLUMN_NAMES, GuideColumn, SearchColumn, observed_size
@@ -109,12 +109,47 @@ def test_steps_after_the_end_change_nothing():
     assert np.array_equal(observation, env.step(0)[0])
 
 
-@pytest.mark.parametrize("action", [-1, 2, 0.5, "lazy_prm"])
-def test_unknown_guides_are_refused(action):
+@pytest.mark.parametrize("action", [0.5, "lazy_prm", None, np.array([0, 1])])
+def test_what_is_no_index_is_refused(action):
     env = GuideSelectionEnv(max_samples=5)
+    env.reset(seed=0)
+    with pytest.raises(InvalidInputError, match="index of a guiding space"):
+        env.step(action)
+
+
+@pytest.mark.parametrize("action", [1, np.int32(1), np.array(1), np.array([1]), True])
+def test_anything_that_is_an_index_is_an_action(action):
+    env = GuideSelectionEnv(max_samples=5)
+    env.reset(seed=0)
+    assert env.step(action)[4]["invalid_action"] is False and env.hybrid.current == 1
+
+
+@pytest.mark.parametrize("action", [-1, 2, 10**12])
+def test_a_guide_that_there_is_not_counts_as_a_sample(action):
+    env = GuideSelectionEnv(max_samples=3)
+    before, _ = env.reset(seed=0)
+    for k in range(3):
+        after, reward, terminated, truncated, info = env.step(action)
+        assert reward == np.log(1e-4) and info["invalid_action"] and info["samples"] == k + 1
+        assert np.array_equal(before, after) and not terminated and truncated is (k == 2)
+    env = GuideSelectionEnv(max_samples=3, on_invalid="raise")
     env.reset(seed=0)
     with pytest.raises(InvalidInputError, match="0 to 1"):
         env.step(action)
+
+
+def test_all_guides_may_be_chosen_at_any_time():
+    env = GuideSelectionEnv(max_samples=3)
+    env.reset(seed=0)
+    assert env.action_masks().tolist() == [True, True] and env.action_masks().dtype == bool
+
+
+@pytest.mark.parametrize("name", ["random", "masked_random"])
+def test_random_agents_act_in_it(name):
+    env = gymnasium.make(IDS[0], max_samples=20)
+    episode = rollout(env, make_agent(name, seed=1), seed=0)
+    assert episode.samples == 20 and episode.nodes > 1
+    assert set(env.unwrapped.search.tree.parents.tolist()) != {-1}
 
 
 def test_bad_options_are_refused():

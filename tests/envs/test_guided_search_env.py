@@ -17,6 +17,7 @@ from guided_gym import (
     Environment,
     GuidedGymError,
     GuidedSearchEnv,
+    GuideSelectionEnv,
     InvalidInputError,
     NoPathError,
     Problem,
@@ -30,6 +31,7 @@ from guided_gym import (
     sampling_efficiency,
 )
 from guided_gym.envs.rewards import Choice
+from guided_gym.errors import GuidedGymWarning
 
 WALL = box(0.95, 0.0, 1.05, 0.7)
 
@@ -67,7 +69,7 @@ def test_a_step_is_one_sample_rewarded_by_log_q_before_the_expansion(problem):
         assert info["sampling_efficiency"] == -reward
         assert info["best_possible"] == pytest.approx(-math.log(before.max()), abs=1e-9)
     assert info["samples"] == search.samples == 8
-    assert info["nodes"] == len(search.tree)
+    assert info["tree_size"] == len(search.tree)
 
 
 @pytest.mark.parametrize("reward", ["efficiency", "jensen_shannon"])
@@ -91,7 +93,7 @@ def test_an_invalid_action_is_a_noop_that_counts_as_a_sample(problem, action):
     after, reward, terminated, truncated, info = env.step(action)
     assert reward == math.log(1e-4)
     assert info["invalid_action"] is True
-    assert (info["samples"], info["nodes"]) == (1, 1)
+    assert (info["samples"], info["tree_size"]) == (1, 1)
     assert (terminated, truncated) == (False, False)
     assert all(np.array_equal(before[key], after[key]) for key in before)
 
@@ -198,6 +200,18 @@ def test_all_weight_on_a_node_chooses_it(problem):
     assert set(env.search.tree.failed_nodes.tolist()) <= {0}
 
 
+@pytest.mark.parametrize("largest", [5e-324, 1e-300, 1.0, 1e300, np.finfo(np.float64).max])
+def test_weights_of_any_size_mean_the_same(problem, largest):
+    envs = [make(problem, action="distribution", max_nodes=32) for _ in range(2)]
+    for env in envs:
+        for _ in range(6):
+            env.step(np.ones(32))
+    weights = np.where(np.arange(32) % 2, 1.0, 0.5) if largest > 1e-310 else np.ones(32)
+    expected, got = envs[0].step(weights), envs[1].step(weights * largest)
+    assert got[1] == pytest.approx(expected[1]) and got[4]["invalid_action"] is False
+    assert got[4]["sampling_efficiency"] >= 0
+
+
 @pytest.mark.parametrize("bad", [-1.0, np.nan, np.inf])
 def test_weights_that_mean_nothing_are_an_invalid_action(problem, bad):
     env = make(problem, action="distribution")
@@ -263,12 +277,11 @@ def test_a_distribution_of_nothing_but_sealed_rooms_says_so():
 # What is in info ----------------------------------------------------------------------------------
 
 
-def test_info_holds_scalars_and_names_the_region_of_the_chosen_node():
+def test_info_says_in_which_region_the_chosen_node_is():
     regions = {"left": box(0, 0, 1, 1), "right": box(1, 0, 1.5, 1)}
     env = make(point_problem(regions=regions))
     *_, info = env.step(0)
-    assert info["region"] == "left"
-    assert all(isinstance(value, bool | int | float | str) for value in info.values()), info
+    assert info["region"] == 0
 
 
 def test_target_in_info_is_q_over_the_observed_tree(problem):
@@ -304,6 +317,7 @@ def test_nothing_of_the_oracle_is_observed(problem):
         ({"on_invalid": "no-op"}, "did you mean 'noop'"),
         ({"render_mode": "rgb_arrays"}, "did you mean 'rgb_array'"),
         ({"max_node": 10}, "did you mean 'max_nodes'"),
+        ({"reward": {"regert": 1}}, "did you mean 'regret'"),
     ],
 )
 def test_unknown_names_come_with_the_nearest(options, message):
@@ -311,9 +325,84 @@ def test_unknown_names_come_with_the_nearest(options, message):
         GuidedSearchEnv(**options)
 
 
+@pytest.mark.parametrize("cls", [GuidedSearchEnv, GuideSelectionEnv])
+def test_an_unknown_option_is_a_type_error_in_the_words_of_python_too(cls):
+    with pytest.raises(TypeError, match="unexpected keyword argument 'frameskip'") as caught:
+        cls(frameskip=4)
+    assert isinstance(caught.value, UnknownNameError)
+    with pytest.raises(UnknownNameError, match="unexpected keyword argument 'frameskip'"):
+        gymnasium.make(f"guided_gym/{'Cup' if cls is GuidedSearchEnv else 'GuideSelection'}-v0", frameskip=4)
+    again = pickle.loads(pickle.dumps(caught.value))
+    assert type(again) is type(caught.value) and str(again) == str(caught.value)
+
+
+def test_the_arrays_follow_the_number_of_samples():
+    assert GuidedSearchEnv("Cup", max_samples=1000).max_nodes == 1002
+    assert (GuidedSearchEnv("Cup").max_nodes, GuidedSearchEnv("Cup").max_samples) == (256, 254)
+    assert GuidedSearchEnv("Cup", max_nodes=12).max_samples == 10
+
+
+def test_what_a_wrapper_writes_into_the_space_stays_its_own(problem):
+    env = make(problem)
+    env.observation_space.spaces["raster"] = gymnasium.spaces.Box(-10, 10, (1, 64, 64), np.float32)
+    assert env.observation_space["raster"].dtype == np.uint8
+    assert env.reset(seed=0)[0] in env.observation_space
+
+
+def test_a_raster_too_small_for_the_default_network_is_spoken_of():
+    with pytest.warns(GuidedGymWarning, match="NatureCNN.*at least 36 cells"):
+        GuidedSearchEnv("Cup", raster=35)
+
+
+@pytest.mark.parametrize("seed", [np.int64(5), np.uint8(5)])
+def test_seeds_of_numpy_are_seeds(problem, seed):
+    env, other = make(problem), make(problem)
+    env.reset(seed=seed)
+    other.reset(seed=5)
+    assert np.array_equal(env.step(0)[0]["nodes"], other.step(0)[0]["nodes"])
+    GuideSelectionEnv(max_samples=5).reset(seed=seed)
+
+
+@pytest.mark.parametrize("seed", [True, -1, 1.5, "5"])
+def test_what_is_no_seed_is_refused(problem, seed):
+    for env in (make(problem), GuideSelectionEnv(max_samples=5)):
+        with pytest.raises(InvalidInputError, match="seed: expected an integer"):
+            env.reset(seed=seed)
+
+
 @pytest.mark.parametrize(
     ("options", "message"),
     [
+        ({"raster": 10**5}, "raster: .*640 GB of memory at 100000.*at most 4 GB; GUIDED_GYM_MAX_MEMORY"),
+        ({"candidates": 10**9}, "candidates: .*96 GB"),
+        ({"max_samples": 10**30}, "max_nodes: .*more than"),
+        ({"max_nodes": 10**9, "target": TargetParameters(epsilon=1e-12)}, "max_nodes: .*61 GB"),
+    ],
+)
+def test_sizes_that_no_memory_holds_are_refused_at_the_door(options, message):
+    with pytest.raises(InvalidInputError, match=message):
+        GuidedSearchEnv("Cup", **options)
+
+
+def test_the_limit_of_memory_can_be_raised_and_lowered(monkeypatch):
+    monkeypatch.setenv("GUIDED_GYM_MAX_MEMORY", "1e4")
+    with pytest.raises(InvalidInputError, match="raster"):
+        GuidedSearchEnv("Cup", max_nodes=16)
+    monkeypatch.setenv("GUIDED_GYM_MAX_MEMORY", "1e12")
+    SearchOptions(candidates=10**9)
+    monkeypatch.setenv("GUIDED_GYM_MAX_MEMORY", "much")
+    with pytest.raises(InvalidInputError, match="GUIDED_GYM_MAX_MEMORY: expected a number"):
+        SearchOptions(candidates=10)
+
+
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [
+        ({"observe": "a"}, "observe: expected an object with a method build"),
+        ({"target_in_info": "a"}, "target_in_info: expected True or False"),
+        ({"reward": {}}, "reward: expected names with weights"),
+        ({"reward": {"regret": -1}}, "reward"),
+        ({"raster": 40.0}, "raster"),
         ({"max_nodes": 10, "max_samples": 10}, "expected at least max_samples \\+ 1 = 11.*got 10"),
         ({"max_nodes": 1}, "max_nodes"),
         ({"max_nodes": 10_000}, "fewer than 1 / epsilon = 10000, got 10000"),
@@ -427,6 +516,21 @@ def test_search_options_reach_the_search(problem):
 def test_rendering_without_a_mode_warns_and_draws_nothing(problem):
     with pytest.warns(UserWarning, match="render_mode"):
         assert make(problem).render() is None
+
+
+@pytest.mark.parametrize("cls", [GuidedSearchEnv, GuideSelectionEnv])
+@pytest.mark.parametrize("snapshot", [copy.deepcopy, lambda env: pickle.loads(pickle.dumps(env))])
+def test_a_copy_can_be_made_after_rendering(cls, snapshot):
+    pytest.importorskip("pygame")
+    env = cls("Cup", max_samples=10, render_mode="rgb_array")
+    env.reset(seed=0)
+    env.step(0)
+    first = env.render()
+    other = snapshot(env)
+    assert np.array_equal(other.render(), first)
+    env.step(0), other.step(0)
+    assert np.array_equal(other.render(), env.render())
+    env.close(), other.close()
 
 
 def test_rgb_array_is_a_picture(problem):
