@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from guided_gym.envs.guided_search_env import GuidedSearchEnv
 from guided_gym.errors import GuidedGymError, InvalidInputError, UnknownOptionError
 from guided_gym.guidance.base import GuidingSpace
-from guided_gym.guidance.registry import check_name, guidance_names, make_guidance
+from guided_gym.guidance.registry import check_name, guidance_names, make_guidance, read_guidance
 from guided_gym.search.search import Search
 
 Observation = Mapping[str, NDArray[Any]]
@@ -99,7 +99,9 @@ class GuidanceAgent:
 
 
 def _same(guidance: str | GuidingSpace | None, expansion: str | GuidingSpace) -> bool:
-    return guidance == expansion if isinstance(guidance, str) else guidance is expansion
+    if isinstance(guidance, str) and isinstance(expansion, str):
+        return read_guidance(guidance) == read_guidance(expansion)
+    return guidance is expansion
 
 
 def _unwrapped(env: gymnasium.Env[Any, Any]) -> GuidedSearchEnv:

@@ -165,15 +165,12 @@ def as_specs(
     if database is not None and not Path(database).is_file():
         raise StorageError(f"expected a path database at {database}, but there is no such file")
     if database is not None:
-        if all(spec.name != DATABASE_GUIDANCE for spec in specs):
+        if not any(spec.uses(DATABASE_GUIDANCE) for spec in specs):
             raise InvalidInputError(
                 f"database: expected {DATABASE_GUIDANCE} among the guidances, which uses it; "
                 f"got {', '.join(spec.label for spec in specs)}"
             )
-        specs = [
-            spec.with_default("database", str(database)) if spec.name == DATABASE_GUIDANCE else spec
-            for spec in specs
-        ]
+        specs = [spec.with_default(DATABASE_GUIDANCE, "database", str(database)) for spec in specs]
     return list(dict.fromkeys(specs))
 
 

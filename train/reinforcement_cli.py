@@ -119,6 +119,8 @@ def _print_history(card: dict[str, Any], folder: Path) -> None:
     from rich.console import Console
     from rich.table import Table
 
+    from guided_gym.train.specs import learned_word
+
     best = card["metrics"]["validation"]
     table = Table(title="Searches on validation problems", title_justify="left")
     for name in ("steps", "seconds", "solved", "samples", "total SE", "best possible", ""):
@@ -129,7 +131,8 @@ def _print_history(card: dict[str, Any], folder: Path) -> None:
         seconds, solved = f"{row.get('seconds', math.nan):.0f}", f"{row['solved']:.3f}"
         table.add_row(str(row["steps"]), seconds, solved, *(f"{n:.2f}" for n in numbers), kept)
     Console(highlight=False).print(table)
-    print(f"\nIn {folder / 'agent'}; try: guided-gym evaluate --guidance learned:{folder / 'agent'}")
+    word = learned_word(folder / "agent")
+    print(f"\nIn {folder / 'agent'}; try: guided-gym evaluate --guidance {word}")
 
 
 __all__ = ["train_app"]

@@ -6,15 +6,17 @@ import hashlib
 import importlib
 import json
 import os
+import shlex
 import sys
-from collections.abc import Mapping, Sequence
-from dataclasses import asdict, dataclass, field
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import asdict, dataclass, field, replace
 from functools import cache, lru_cache
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from guided_gym.checks import integer
-from guided_gym.errors import InvalidInputError
+from guided_gym.errors import GuidedGymError, InvalidInputError
+from guided_gym.guidance.grammar import FAMILY, JOINED, Call, Option, is_name, parse, split, text_of
 from guided_gym.options import DEFAULT_CANDIDATES, TargetParameters
 from guided_gym.problems import Task
 from guided_gym.train.results import RESULTS_VERSION
@@ -23,7 +25,7 @@ if TYPE_CHECKING:
     from guided_gym.guidance.base import GuidingSpace
     from guided_gym.options import SearchOptions
 
-LEARNED = "learned:"  # before the name or folder of a learned agent
+LEARNED = f"{FAMILY}:"  # before the name or folder of a learned agent
 DATABASE_GUIDANCE = "path_database"  # the guidance that ``--database`` is for
 
 
@@ -32,8 +34,8 @@ class GuidanceSpec:
     """A guiding space by name, with options; it can be sent to a process and written into a file.
 
     Attributes:
-        name: Anything that `guided_gym.guidance.make_guidance` knows by name.
-        options: Keyword arguments of `guided_gym.guidance.make_guidance`, sorted by name.
+        name: Anything that `guided_gym.guidance.registry.make_guidance` knows by name, expressions too.
+        options: Keyword arguments of `guided_gym.guidance.registry.make_guidance`, sorted by name.
         label: What tables call it; the name and its options unless given.
     """
 
@@ -42,11 +44,16 @@ class GuidanceSpec:
     label: str = ""
 
     def __post_init__(self) -> None:
-        options = ((name, tuple(value) if isinstance(value, list) else value) for name, value in self.options)
-        object.__setattr__(self, "options", tuple(sorted(options)))
+        call = self.call
+        name, options = self.name, tuple(sorted(self.options))
+        if _textual(call):
+            values = [(option.name, _plain(option.value)) for option in call.options]
+            whole = bool(call.arguments) or any(_nested(value) for _, value in values)
+            name, options = (str(call), ()) if whole else (str(Call(call.name)), tuple(values))
+        object.__setattr__(self, "name", name)
+        object.__setattr__(self, "options", options)
         if not self.label:
-            parts = [self.name, *(f"{name}={_short(value)}" for name, value in self.options)]
-            object.__setattr__(self, "label", "@".join(parts))
+            object.__setattr__(self, "label", _label(call))
 
     @classmethod
     def of(cls, name: str, *, label: str = "", **options: Any) -> GuidanceSpec:
@@ -55,30 +62,46 @@ class GuidanceSpec:
 
     @classmethod
     def parse(cls, text: str) -> GuidanceSpec:
-        """A guidance from ``name`` or ``name@option=value@option=value``; values are JSON or plain words.
+        """A guidance from an expression, see `guided_gym.guidance.grammar`; ``name@option=value`` is one.
 
         Raises:
             InvalidInputError: The text has another form.
         """
-        name, *parts = (part.strip() for part in text.split("@"))
-        options = {}
-        for part in parts:
-            key, equals, value = part.partition("=")
-            if not (key and equals):
-                raise InvalidInputError(f"guidance: expected name@option=value, got {text!r}")
-            options[key] = _literal(value)
-        if not name:
-            raise InvalidInputError(f"guidance: expected a name, got {text!r}")
-        return cls(name, tuple(options.items()))
+        return cls(text)
 
-    def with_default(self, option: str, value: Any) -> GuidanceSpec:
-        """This guidance with an option set, unless it is set already; the label stays."""
-        if option in dict(self.options):
-            return self
-        return GuidanceSpec(self.name, (*self.options, (option, value)), self.label)
+    @property
+    def call(self) -> Call:
+        """The tree of name and options.
+
+        Raises:
+            InvalidInputError: The name is no expression.
+        """
+        from guided_gym.guidance.registry import read_guidance
+
+        call = parse(self.name)
+        own = (Option(name, str(v) if isinstance(v, Path) else v) for name, v in self.options)
+        return read_guidance(replace(call, options=(*call.options, *own)))
+
+    def with_default(self, guidance: str, option: str, value: Any) -> GuidanceSpec:
+        """This guidance with an option of it, or of guidances in it, set where it is not; the label stays.
+
+        Args:
+            guidance: The name of those that have the option.
+            option: The option.
+            value: Its value.
+        """
+        filled = _filled(self.call, guidance, Option(option, value))
+        if _textual(filled):
+            return GuidanceSpec(str(filled), (), self.label)
+        own = () if self.name != guidance or option in dict(self.options) else ((option, value),)
+        return replace(self, options=(*self.options, *own))
+
+    def uses(self, guidance: str) -> bool:
+        """Whether a guidance is this one or part of it."""
+        return any(call.name == guidance for call in _calls(self.call))
 
     def make(self) -> GuidingSpace:
-        """The guiding space.
+        """The guiding space, made anew.
 
         Raises:
             UnknownNameError: No guidance or option of that name.
@@ -88,21 +111,114 @@ class GuidanceSpec:
         return make_guidance(self.name, **dict(self.options))
 
 
-def _literal(text: str) -> Any:
-    try:
-        return json.loads(text)
-    except ValueError:
-        return text
+def _textual(value: Any) -> bool:
+    """Whether a value can be written down."""
+    if isinstance(value, Call):
+        return _textual(value.arguments) and all(_textual(option.value) for option in value.options)
+    if isinstance(value, tuple):
+        return all(map(_textual, value))
+    return (
+        value is None or isinstance(value, str | bool | int) or (isinstance(value, float) and value == value)
+    )
+
+
+def _plain(value: Any) -> Any:
+    """The value of an option, a bare word as the text that it is."""
+    if isinstance(value, tuple):
+        return tuple(map(_plain, value))
+    return value.name if isinstance(value, Call) and str(value) == value.name else value
+
+
+def _nested(value: Any) -> bool:
+    return any(map(_nested, value)) if isinstance(value, tuple) else isinstance(value, Call)
+
+
+def _calls(value: Any) -> Iterator[Call]:
+    """The calls within a value, itself included."""
+    if isinstance(value, tuple):
+        for item in value:
+            yield from _calls(item)
+    elif isinstance(value, Call):
+        yield value
+        yield from _calls(value.arguments)
+        yield from _calls(tuple(option.value for option in value.options))
+
+
+def _filled(value: Any, guidance: str, option: Option) -> Any:
+    """A value with an option added to each call of a guidance that lacks it."""
+    if isinstance(value, tuple):
+        return tuple(_filled(item, guidance, option) for item in value)
+    if not isinstance(value, Call):
+        return value
+    options = tuple(Option(own.name, _filled(own.value, guidance, option)) for own in value.options)
+    if value.name == guidance and all(own.name != option.name for own in options):
+        options = (*options, option)
+    return Call(value.name, _filled(value.arguments, guidance, option), options)
+
+
+def _label(call: Call) -> str:
+    """What tables call a guidance: the short forms ``a+b`` and ``a@x=1`` where they can say it."""
+    guides = call.arguments
+    if (
+        call.name == JOINED
+        and len(guides) > 1
+        and not call.options
+        and all(isinstance(g, Call) for g in guides)
+    ):
+        return "+".join(map(_label, guides))
+    values = [(option.name, _plain(option.value)) for option in call.options]
+    if call.arguments or any(_nested(value) for _, value in values):
+        return str(call)
+    return "@".join([str(Call(call.name)), *(f"{name}={_short(value)}" for name, value in values)])
 
 
 def _short(value: Any) -> str:
-    return Path(value).name if isinstance(value, str | Path) else str(value)
+    """A value as a label has it: of a path its last part."""
+    if not isinstance(value, str | Path):
+        return text_of(value)
+    name = Path(value).name
+    return name if is_name(name) else text_of(name)
+
+
+def made(spec: GuidanceSpec) -> GuidingSpace:
+    """A guiding space that this process keeps: some are dear to make, and each search resets it anyway.
+
+    It is made anew where what its names stand for has changed: a class of yours, an agent, a database.
+    """
+    return _made(spec, repr(spec), _stamp(spec))  # equal are 1, 1.0 and True, which are no same options
 
 
 @lru_cache(maxsize=16)
-def made(spec: GuidanceSpec) -> GuidingSpace:
-    """A guiding space that this process keeps: some are dear to make, and each search resets it anyway."""
+def _made(spec: GuidanceSpec, spelling: str, stamp: tuple[Any, ...]) -> GuidingSpace:
     return spec.make()
+
+
+def _stamp(spec: GuidanceSpec) -> tuple[Any, ...]:
+    """What the names and files of a guidance stand for at the moment."""
+    from guided_gym.guidance.learned.agent import agent_folder
+    from guided_gym.guidance.registry import parts
+
+    try:
+        stamp: list[Any] = []
+        for call, table in parts(spec.call):
+            if call.name.startswith(LEARNED):
+                stamp += map(_changed, sorted(agent_folder(call.name.removeprefix(LEARNED)).iterdir()))
+            else:
+                stamp.append(table.maker(call.name))
+            values = [_plain(option.value) for option in call.options]
+            stamp += [_changed(Path(value)) for value in values if isinstance(value, str)]
+        return tuple(stamp)
+    except GuidedGymError:  # making it says what is wrong, and where
+        return ()
+
+
+def _changed(file: Path) -> tuple[int, int]:
+    """When a file was changed, and its size; zeros if there is none."""
+    try:
+        found = file.stat()
+    except (OSError, ValueError):
+        return 0, 0
+    return found.st_mtime_ns, found.st_size
 
 
 @dataclass(frozen=True)
@@ -151,23 +267,21 @@ def settings_content(environment: str, spec: GuidanceSpec, settings: EvaluationS
     """
     from guided_gym.catalogue.table import make_distribution
 
-    options = {name: _content(spec, name, value) for name, value in spec.options}
     return {
         "results_version": RESULTS_VERSION,
         "code": code_fingerprint(),
         "problem": make_distribution(environment).problem(0).fingerprint,
-        "guidance": {"name": spec.name, "options": options, **_agents_content(spec, settings)},
+        "guidance": {"expression": _content(spec.call), **_agents_content(spec, settings)},
         "settings": asdict(settings),
     }
 
 
 def _agents_content(spec: GuidanceSpec, settings: EvaluationSettings) -> dict[str, Any]:
     """The learned agents that take part, by their weights and the code that runs them."""
-    names = [spec.name, settings.expansion or ""]
-    for _, value in spec.options:
-        names += [item for item in value if isinstance(item, str)] if isinstance(value, tuple) else []
-    parts = [part for name in names for part in name.split("+")]
-    agents = [part.removeprefix(LEARNED) for part in parts if part.startswith(LEARNED)]
+    calls = [*_calls(spec.call)]
+    if settings.expansion is not None:
+        calls += _calls(GuidanceSpec(settings.expansion).call)
+    agents = [call.name.removeprefix(LEARNED) for call in calls if call.name.startswith(LEARNED)]
     if not agents:
         return {}
     from guided_gym.guidance.learned.agent import fingerprint as agent_fingerprint
@@ -180,11 +294,20 @@ def fingerprint(content: Mapping[str, Any]) -> str:
     return hashlib.sha256(json.dumps(content, sort_keys=True, default=str).encode()).hexdigest()[:16]
 
 
-def _content(spec: GuidanceSpec, name: str, value: Any) -> Any:
-    if spec.name == DATABASE_GUIDANCE and isinstance(value, str | Path) and Path(value).is_file():
-        limit = dict(spec.options).get("paths")
-        return _database_content(str(value), os.stat(value).st_mtime_ns, limit)
-    return value
+def _content(value: Any) -> Any:
+    """What counts of a value of an expression: of a database what it holds, and not where it lies."""
+    if isinstance(value, tuple):
+        return [_content(item) for item in value]
+    if not isinstance(value, Call):
+        return value
+    options = {option.name: option.value for option in value.options}
+    content = {name: _content(inner) for name, inner in options.items()}
+    file = content.get("database")
+    if isinstance(file, str) and Path(file).is_file():
+        content["database"] = _database_content(file, os.stat(file).st_mtime_ns, options.get("paths"))
+    if value.bare:
+        return value.name
+    return {"name": value.name, "arguments": _content(value.arguments), "options": content}
 
 
 @lru_cache(maxsize=64)
@@ -225,13 +348,19 @@ def package_version() -> str:
 def words(option: str, text: str) -> list[str]:
     """The items of a list with commas, as options have it; none of an empty text.
 
+    Commas within brackets or quotes, as expressions have them, separate nothing.
+
     Raises:
         InvalidInputError: An item is empty.
     """
-    items = [item.strip() for item in text.split(",")] if text.strip() else []
-    if not all(items):
-        raise InvalidInputError(f"{option}: expected names separated by commas, got an empty one in {text!r}")
-    return items
+    return split(option, text)
+
+
+def learned_word(folder: Path) -> str:
+    """The agent in a folder as a word of a command line."""
+    text = f"{LEARNED}{folder}"
+    plain = split("guidance", text) == [text] and parse(text) == Call(text)
+    return shlex.quote(text if plain else str(Call(text)))
 
 
 def import_modules(names: Sequence[str]) -> None:

@@ -14,6 +14,7 @@ from matplotlib.figure import Figure
 
 from guided_gym.envs import palette
 from guided_gym.errors import InvalidInputError, StorageError
+from guided_gym.guidance.grammar import JOINED, parse
 
 P = ParamSpec("P")
 R = TypeVar("R")
@@ -96,7 +97,7 @@ class Looks:
         taken: set[str] = set()
         for name in dict.fromkeys(names):
             base = name.partition(":")[0] if name.partition(":")[0] in _LOOKS else name
-            base = "hybrid" if "+" in name else base
+            base = "hybrid" if _joined(name) else base
             label, colour, dash = _LOOKS.get(base, (name, "", "-"))
             if not colour or colour in taken:
                 colour = next(spare)
@@ -114,6 +115,14 @@ class Looks:
     def dash(self, name: str) -> Any:
         """Line style, as matplotlib takes it."""
         return self._looks[name][2]
+
+
+def _joined(name: str) -> bool:
+    """Whether a label is an expression of several guidances."""
+    try:
+        return parse(name).name == JOINED
+    except InvalidInputError:  # any text may be a label
+        return False
 
 
 def label_of(guidance: str) -> str:

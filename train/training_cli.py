@@ -117,6 +117,7 @@ def imitation(
     """Learn a field network from the oracle and a node scorer from its target. Call it again to resume."""
     need("torch")
     from guided_gym.train.imitation import AGENT_FOLDER, ImitationConfig, train_imitation
+    from guided_gym.train.specs import learned_word
 
     settings = settings_of(ImitationConfig, config, {"environments": env, **given})
     folder = out or Path("runs") / f"imitation-{'+'.join(settings.environments)}"
@@ -124,7 +125,7 @@ def imitation(
         card = train_imitation(settings, folder, progress)
     _print_history(card)
     agent = folder / AGENT_FOLDER
-    print(f"\nAgent in {agent}; try: guided-gym evaluate --guidance learned:{agent} --env ...")
+    print(f"\nAgent in {agent}; try: guided-gym evaluate --guidance {learned_word(agent)} --env ...")
 
 
 def _print_history(card: dict[str, Any]) -> None:

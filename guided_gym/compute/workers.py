@@ -14,7 +14,7 @@ from concurrent.futures.process import BrokenProcessPool
 from typing import Protocol, TypeVar
 
 from guided_gym.checks import integer
-from guided_gym.errors import GuidedGymError, InvalidInputError
+from guided_gym.errors import GuidedGymError, InvalidInputError, UnknownNameError
 
 WORKER_DIED = (
     "expected the worker processes to live, but one died (killed, out of memory, or started from a script "
@@ -146,7 +146,19 @@ class _Mapper:
                 return
             done, running = concurrent.futures.wait(running, return_when=concurrent.futures.FIRST_COMPLETED)
             for future in done:
-                yield future.result()
+                yield _result(future)
+
+
+def _result(future: concurrent.futures.Future[R]) -> R:
+    """What a worker gave; of a name that it does not know, what to do."""
+    try:
+        return future.result()
+    except UnknownNameError as error:
+        raise InvalidInputError(
+            f"{error.subject}: expected a name that the worker processes know, too, but they import modules "
+            "and run no script or notebook. Put what registers it into a module, and name it with --import, "
+            "imports=[...] in Python; or use one worker"
+        ) from error
 
 
 def _check_importable(function: Callable[..., object] | None) -> None:

@@ -45,6 +45,10 @@ class GuidingSpace(ABC):
         self.search = search
         self.space, self.goal = search.space, search.goal
         self.planner, self.rng = search.planner, search.guidance_rng
+        for option in ("temperature", "expansion_penalty"):
+            if not hasattr(self, option):
+                what = f"{type(self).__name__}.__init__: expected it to call super().__init__()"
+                raise InvalidInputError(f"{what}, which sets {option}; got no {option}")
         self.forget()
         self.prepare()
 
@@ -80,9 +84,7 @@ class GuidingSpace(ABC):
 
     def evaluate(self, tree: SearchTree, first: int, last: int) -> NDArray[np.float64]:
         """(last - first,) h of the nodes that have come since; called once for each."""
-        return self._checked(
-            self.heuristic(self.project(tree, tree.nodes.configurations[first:last])), last - first
-        )
+        return self._h(tree, tree.nodes.configurations[first:last])
 
     def values(self, tree: SearchTree) -> NDArray[np.float64]:
         """(n,) h(P_T(v)) of each node, the penalty for its expansions so far included."""
@@ -116,9 +118,18 @@ class GuidingSpace(ABC):
     def propose(self, tree: SearchTree, node: int) -> NDArray[np.float64]:
         """(d,) x_new: the member of N_C(v) with the least h, among the local planner's candidates."""
         candidates = self.planner.candidates(tree.nodes.configurations[node])
-        h = self._checked(self.heuristic(self.project(tree, candidates)), len(candidates))
+        h = self._h(tree, candidates)
         best: NDArray[np.float64] = candidates[np.argmin(h)]
         return best
+
+    def _h(self, tree: SearchTree, q: NDArray[np.float64]) -> NDArray[np.float64]:
+        """(n,) h(P_T(q)), checked: both methods may be a user's."""
+        states = self.project(tree, q)
+        if states is None:
+            raise InvalidInputError(
+                f"{type(self).__name__}.project: expected the states of {len(q)} configurations, got None"
+            )
+        return self._checked(self.heuristic(states), len(q))
 
     def _checked(self, h: Any, count: int) -> NDArray[np.float64]:
         """What `heuristic` returned, if it is ``count`` values of h."""

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import importlib
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from typing import Any, Final, TypeVar
 
 from guided_gym.errors import InvalidInputError, UnknownNameError
@@ -14,7 +14,7 @@ from guided_gym.guidance.hybrid import Hybrid
 from guided_gym.guidance.modifications import ENVIRONMENTS, ROBOTS
 from guided_gym.guidance.recipes import RECIPES, SOLVERS
 from guided_gym.guidance.rules import RULES
-from guided_gym.guidance.tables import SEVERAL, Maker, Table, register_kind
+from guided_gym.guidance.tables import SEVERAL, Maker, Table, expanded, register_kind, walk
 from guided_gym.guidance.wavefront import Wavefront
 
 M = TypeVar("M", bound=Maker)
@@ -121,6 +121,25 @@ def guidance_maker(name: str) -> Maker:
         InvalidInputError: The module or class cannot be imported or is no guiding space.
     """
     return GUIDANCES.maker(name)
+
+
+def read_guidance(guidance: Call | str) -> Call:
+    """The tree of an expression, texts in it that are expressions read too.
+
+    Raises:
+        InvalidInputError: It is no expression.
+    """
+    call: Call = expanded(parse(guidance) if isinstance(guidance, str) else guidance)
+    return call
+
+
+def parts(call: Call) -> Iterator[tuple[Call, Table]]:
+    """The calls of a read expression, from the outside in, each with the table that its name is in.
+
+    Raises:
+        UnknownNameError: A table has no such name.
+    """
+    return walk(call, GUIDANCES)
 
 
 def make_guidance(guidance: GuidingSpace | Call | str, /, **options: Any) -> GuidingSpace:

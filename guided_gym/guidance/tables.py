@@ -8,12 +8,13 @@ the one-line summary from its docstring. An option whose values are names of ano
 from __future__ import annotations
 
 import inspect
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from dataclasses import replace
 from typing import Any, Final, TypeVar
 
 from guided_gym.checks import same_place
 from guided_gym.errors import InvalidInputError, UnknownNameError
-from guided_gym.guidance.grammar import Call, is_name, parse, place
+from guided_gym.guidance.grammar import JOINED, Call, Option, is_name, parse, place
 
 Maker = Callable[..., Any]
 M = TypeVar("M", bound=Maker)
@@ -50,8 +51,9 @@ class Table:
         Raises:
             InvalidInputError: The name is none, is taken, or means something in an expression.
         """
-        own = getattr(maker, "name", None) if isinstance(maker, type) else getattr(maker, "__name__", None)
-        name = own if name is None else name
+        if name is None:
+            name = getattr(maker, "name" if isinstance(maker, type) else "__name__", None)
+            name = None if name == "<lambda>" else name
         if not is_name(name):
             raise InvalidInputError(
                 f"name of {self.kind} {maker!r}: expected a word that means nothing else in an expression "
@@ -123,6 +125,9 @@ class Table:
             raise InvalidInputError(
                 f"{title}: expected the option {missing[0]!r}, which has no default {where}"
             )
+        if inspect.isabstract(maker):
+            undone = ", ".join(sorted(getattr(maker, "__abstractmethods__", ())))
+            raise InvalidInputError(f"{title}: expected its class to define {undone}")
         try:
             return maker(*_unpacked(known, given), **given)
         except InvalidInputError as error:
@@ -142,6 +147,51 @@ def register_kind(option: str, table: Table) -> None:
 def kinds() -> Mapping[str, Table]:
     """Option to table, as `register_kind` was told."""
     return _KINDS
+
+
+def expanded(value: Any, reads: bool = False) -> Any:
+    """A value with all texts that are expressions read; what a hybrid is given by name comes as arguments.
+
+    Args:
+        value: A call, a tuple of values, or a plain value.
+        reads: Whether a text is an expression.
+    """
+    if isinstance(value, list | tuple):
+        return tuple(expanded(item, reads) for item in value)
+    if isinstance(value, str) and reads:
+        value = parse(value)
+    if not isinstance(value, Call):
+        return value
+    arguments = expanded(value.arguments, value.name == JOINED)
+    options = [Option(o.name, expanded(o.value, o.name in _KINDS), o.at) for o in value.options]
+    for option in options:
+        if (
+            value.name == JOINED
+            and option.name == SEVERAL
+            and isinstance(option.value, tuple)
+            and not arguments
+        ):
+            return replace(
+                value, arguments=option.value, options=tuple(o for o in options if o is not option)
+            )
+    return replace(value, arguments=arguments, options=tuple(options))
+
+
+def walk(value: Any, table: Table) -> Iterator[tuple[Call, Table]]:
+    """The calls of an expanded expression, each with the table that its name is in, from the outside in."""
+    if isinstance(value, tuple):
+        for item in value:
+            yield from walk(item, table)
+    if not isinstance(value, Call):
+        return
+    yield value, table
+    known: Iterable[str] = parameters(table.maker(value.name)) if value.arguments else ()
+    several = (
+        [(SEVERAL, value.arguments)] if SEVERAL in known else list(zip(known, value.arguments, strict=False))
+    )
+    for name, inner in [*several, *((option.name, option.value) for option in value.options)]:
+        if name in _KINDS:
+            yield from walk(inner, _KINDS[name])
 
 
 def parameters(maker: Maker) -> dict[str, inspect.Parameter]:

@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 from guided_gym.checks import number
 from guided_gym.errors import InvalidInputError, StorageError
 from guided_gym.guidance.base import draw
+from guided_gym.guidance.grammar import parse
 from guided_gym.guidance.hybrid import Hybrid
 from guided_gym.guidance.learned import weights
 from guided_gym.guidance.learned.turns import COLUMN_NAMES, Turns, observed_size
@@ -131,7 +132,7 @@ class LearnedRule:
             InvalidInputError: The guides are not those that it was trained with.
         """
         names = tuple(guide.name for guide in guides)
-        if names != self.guides:
+        if names != tuple(parse(guide).name for guide in self.guides):
             raise InvalidInputError(
                 f"rule: expected the guides {', '.join(self.guides)}, in this order; got {', '.join(names)}"
             )

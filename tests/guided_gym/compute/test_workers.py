@@ -6,7 +6,10 @@ import math
 import multiprocessing
 import operator
 import os
+import subprocess
+import sys
 from functools import partial
+from pathlib import Path
 
 import pytest
 
@@ -49,3 +52,28 @@ def test_workers__refuse_what_they_cannot_run() -> None:
         list(map_tasks(lambda task: task, [1], 2))
     with pytest.raises(InvalidInputError, match="top level"):
         list(map_tasks(abs, [1], 2, prepare=lambda: None))
+
+
+def test_names__that_workers_do_not_know_come_with_what_to_do(tmp_path: Path) -> None:
+    script = tmp_path / "script.py"
+    script.write_text(
+        "from guided_gym import EvaluationSettings, FixedProblem, evaluate, make_distribution\n"
+        "from guided_gym import register_distribution, register_guidance\n"
+        "from guided_gym.guidance.cells import GoalDistance\n"
+        "if __name__ == '__main__':\n"
+        "    @register_guidance\n"
+        "    class Mine(GoalDistance):\n"
+        "        name = 'mine'\n"
+        "    problem = make_distribution('Cup').problem(0)\n"
+        "    register_distribution('Own', lambda: FixedProblem(problem))\n"
+        "    for names in (('Cup', 'mine'), ('Own', 'rrt')):\n"
+        "        try:\n"
+        "            evaluate(*names, seeds=2, workers=2, settings=EvaluationSettings(max_samples=9))\n"
+        "        except ValueError as error:\n"
+        "            print(error)\n"
+    )
+    run = subprocess.run([sys.executable, str(script)], capture_output=True, text=True, check=True)
+    lines = run.stdout.splitlines()
+    for line, name in zip(lines, ("guidance 'mine'", "environment 'Own'"), strict=True):
+        assert line.startswith(f"{name}: expected a name that the worker processes know")
+        assert "--import" in line and "imports=[...]" in line
