@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import importlib
+import itertools
 import json
 import os
 import shlex
@@ -262,25 +263,41 @@ class EvaluationSettings:
 def settings_content(environment: str, spec: GuidanceSpec, settings: EvaluationSettings) -> dict[str, Any]:
     """What a settings fingerprint is the hash of.
 
-    The package's code is part of it, so that no table mixes figures of two versions. A problem counts by its
-    content, a file by its content, never by its path.
+    The package's code is part of it, so that no table mixes figures of two versions, and so is code of yours
+    behind the names. A problem counts by its content, a file by its content, never by its path.
     """
     from guided_gym.catalogue.table import make_distribution
 
+    distribution, calls = make_distribution(environment), [spec.call]
+    if settings.expansion not in (None, "uniform"):
+        calls.append(GuidanceSpec(str(settings.expansion)).call)
     return {
         "results_version": RESULTS_VERSION,
         "code": code_fingerprint(),
-        "problem": make_distribution(environment).problem(0).fingerprint,
-        "guidance": {"expression": _content(spec.call), **_agents_content(spec, settings)},
+        "problem": distribution.problem(0).fingerprint,
+        "guidance": {"expression": _content(spec.call), **_agents_content(calls)},
         "settings": asdict(settings),
+        "yours": _yours(calls, distribution),
     }
 
 
-def _agents_content(spec: GuidanceSpec, settings: EvaluationSettings) -> dict[str, Any]:
+def _yours(calls: Sequence[Call], *others: Any) -> dict[str, str]:
+    """The code of yours behind the names in expressions, behind objects in them, and behind other things."""
+    from guided_gym.guidance.registry import parts
+    from guided_gym.train.identity import code_identity
+
+    found = list(others)
+    for call, table in itertools.chain.from_iterable(map(parts, calls)):
+        if not call.name.startswith(LEARNED):
+            found.append(table.maker(call.name))
+        found += call.arguments
+        found += [option.value for option in call.options]
+    return code_identity(found)
+
+
+def _agents_content(expressions: Sequence[Call]) -> dict[str, Any]:
     """The learned agents that take part, by their weights and the code that runs them."""
-    calls = [*_calls(spec.call)]
-    if settings.expansion is not None:
-        calls += _calls(GuidanceSpec(settings.expansion).call)
+    calls = _calls(tuple(expressions))
     agents = [call.name.removeprefix(LEARNED) for call in calls if call.name.startswith(LEARNED)]
     if not agents:
         return {}
@@ -295,19 +312,24 @@ def fingerprint(content: Mapping[str, Any]) -> str:
 
 
 def _content(value: Any) -> Any:
-    """What counts of a value of an expression: of a database what it holds, and not where it lies."""
+    """What counts of a value of an expression: of a file or an object what it holds."""
     if isinstance(value, tuple):
         return [_content(item) for item in value]
     if not isinstance(value, Call):
-        return value
+        if value is None or isinstance(value, str | int | float):
+            return value
+        from guided_gym.train.identity import value_identity
+
+        return value_identity(value)
     options = {option.name: option.value for option in value.options}
     content = {name: _content(inner) for name, inner in options.items()}
     file = content.get("database")
     if isinstance(file, str) and Path(file).is_file():
         content["database"] = _database_content(file, os.stat(file).st_mtime_ns, options.get("paths"))
+    name = LEARNED if value.name.startswith(LEARNED) else value.name  # agents count by their weights
     if value.bare:
-        return value.name
-    return {"name": value.name, "arguments": _content(value.arguments), "options": content}
+        return name
+    return {"name": name, "arguments": _content(value.arguments), "options": content}
 
 
 @lru_cache(maxsize=64)
