@@ -1,10 +1,10 @@
 """What code of yours a run depends on, as hashes: results of what was edited since are computed anew.
 
 The package's own code counts as a whole, elsewhere. Of yours count the modules that define the classes and
-functions behind a name (those of base classes too), and the modules of yours that they import. Each counts by its
-source and by what is loaded of it, which differ where a file was edited and not loaded again. What is defined in
-a script or a notebook has no module that could be imported: it counts by its bytecode, with the defaults,
-closures and global names that it uses.
+functions behind a name (those of base classes too), and the modules of yours that they import. Each counts by
+its source and by what is loaded of it, which differ where a file was edited and not loaded again. What is
+defined in a script or a notebook has no module that could be imported: it counts by its bytecode, with the
+defaults, closures and global names that it uses.
 """
 
 from __future__ import annotations
