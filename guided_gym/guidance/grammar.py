@@ -269,7 +269,7 @@ class _Parser:
             return name + self.quoted()
         if name.startswith(f"{FAMILY}:"):
             return f"{FAMILY}:{self.path(begun + len(FAMILY) + 1)}"
-        if not is_name(name.replace(":", "")) and not name.startswith(":"):
+        if ":" not in name and not is_name(name):
             raise self.fail("a name", begun)
         return name
 

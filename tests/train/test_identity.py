@@ -16,20 +16,21 @@ import numpy as np
 import pytest
 
 from guided_gym.catalogue.table import make_distribution
-from guided_gym.guidance.cells import GoalDistance
+from guided_gym.guidance.cells import Voronoi
 from guided_gym.guidance.registry import make_guidance
 from guided_gym.train.identity import code_identity, value_identity
 
 GUIDANCE = """
     import numpy as np
-    from guided_gym import register_guidance
-    from guided_gym.guidance.cells import GoalDistance
+    from guided_gym import GuidingSpace, register_guidance
     from fees import fee
 
-    class Base(GoalDistance):
+    class Base(GuidingSpace):
         name = "base"
+        def project(self, tree, q):
+            return q
         def heuristic(self, states):
-            return super().heuristic(states) * self.scale()
+            return self.space.distance(states, self.goal) * self.scale()
         def scale(self):
             return 1.0
 
@@ -161,7 +162,7 @@ def test_module__counts_with_what_it_imports(tmp_path: Path, monkeypatch: pytest
     (tmp_path / "late.py").write_text("y = 2\n")
     changed = code_identity([module.f])
     assert {name for name in identity if identity[name] != changed[name]} == {"late"}
-    assert code_identity([make_guidance, GoalDistance, np.mean, len, 3, None, "a"]) == {}
+    assert code_identity([make_guidance, Voronoi, np.mean, len, 3, None, "a"]) == {}
     assert code_identity([make_distribution("RandomTrapCup"), make_distribution("RandomTrapCup@test")]) == {}
 
 
@@ -241,9 +242,9 @@ def test_script__counts_by_its_closures() -> None:
 
 
 def make_class(scale: float) -> type:
-    class Scaled(GoalDistance):
+    class Scaled(Voronoi):
         def heuristic(self, states: Any) -> Any:
-            return scale * super().heuristic(states)
+            return scale * np.ones(len(states))
 
     return Scaled
 

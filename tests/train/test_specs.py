@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 
 from guided_gym.errors import InvalidInputError, UnknownNameError
-from guided_gym.guidance.cells import GoalDistance
+from guided_gym.guidance.cells import Uninformed
 from guided_gym.guidance.grammar import Call, parse
 from guided_gym.guidance.hybrid import Hybrid
 from guided_gym.train.evaluation import as_specs
@@ -66,7 +66,7 @@ def test_spec__makes_what_it_says() -> None:
 
 
 def test_spec__may_hold_what_no_text_can_say() -> None:
-    guide = GoalDistance()
+    guide = Uninformed()
     made = GuidanceSpec.of("hybrid", guides=[guide, "rrt"]).make()
     assert isinstance(made, Hybrid)
     assert made.guides[0] is guide

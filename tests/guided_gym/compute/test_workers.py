@@ -59,10 +59,10 @@ def test_names__that_workers_do_not_know_come_with_what_to_do(tmp_path: Path) ->
     script.write_text(
         "from guided_gym import EvaluationSettings, FixedProblem, evaluate, make_distribution\n"
         "from guided_gym import register_distribution, register_guidance\n"
-        "from guided_gym.guidance.cells import GoalDistance\n"
+        "from guided_gym.guidance.cells import Uninformed\n"
         "if __name__ == '__main__':\n"
         "    @register_guidance\n"
-        "    class Mine(GoalDistance):\n"
+        "    class Mine(Uninformed):\n"
         "        name = 'mine'\n"
         "    problem = make_distribution('Cup').problem(0)\n"
         "    register_distribution('Own', lambda: FixedProblem(problem))\n"
