@@ -5,7 +5,7 @@ from __future__ import annotations
 import itertools
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, field
-from functools import partial
+from functools import cache, partial
 from pathlib import Path
 
 import numpy as np
@@ -14,9 +14,10 @@ from numpy.typing import NDArray
 
 from guided_gym.checks import integer
 from guided_gym.compute.workers import map_tasks
-from guided_gym.errors import InvalidInputError, StorageError
+from guided_gym.errors import InvalidInputError, NoPathError, StorageError
 from guided_gym.planning import SearchResult, guided_search
 from guided_gym.problems import Problem
+from guided_gym.train.identity import problem_identity
 from guided_gym.train.results import RESULTS_FILE, Results, ResultsFile, Run
 from guided_gym.train.specs import (
     DATABASE_GUIDANCE,
@@ -132,6 +133,7 @@ def run_plans(
     with ResultsFile.in_folder(None if out is None else Path(out)) as file:
         for group in groups:
             file.describe(group.fingerprint, _content(group.plan))
+        _drop_stale(file, groups, wanted)
         batches, missing = _batches(groups, wanted, file)
         done, total = len(groups) * len(wanted) - missing, len(groups) * len(wanted)
         if progress is not None:
@@ -245,6 +247,26 @@ def checked_seeds(seeds: int | Iterable[int]) -> list[int]:
     return [int(seed) for seed in wanted]
 
 
+def _drop_stale(file: ResultsFile, groups: Sequence[_Group], seeds: Sequence[int]) -> None:
+    """Drop the rows of problems that their seeds pose no longer: what a distribution reads may change."""
+    from guided_gym.catalogue.table import make_distribution
+
+    @cache
+    def posed(environment: str, seed: int, tolerance: float | None, by_edge: bool | None) -> str:
+        try:
+            return problem_identity(make_distribution(environment).problem(seed, tolerance, by_edge))
+        except (InvalidInputError, NoPathError):  # there was a row, so there was none of these
+            return ""
+
+    for group in groups:
+        environment, settings = group.plan.environment, group.plan.settings
+        key = (environment, group.plan.spec.label, group.fingerprint)
+        rule = (settings.goal_tolerance, settings.goal_edge)
+        fixed, there = make_distribution(environment).fixed, file.problems(*key)
+        known = [seed for seed in seeds if seed in there]
+        file.discard(*key, [s for s in known if there[s] != posed(environment, 0 if fixed else s, *rule)])
+
+
 def _batches(
     groups: Sequence[_Group], seeds: Sequence[int], file: ResultsFile
 ) -> tuple[list[list[_Task]], int]:
@@ -299,6 +321,7 @@ def _run(group: _Group, seed: int) -> Run:
         guidance=plan.spec.label,
         seed=seed,
         settings=group.fingerprint,
+        problem=problem_identity(problem),
         solved=result.solved,
         samples=result.samples,
         nodes=len(result.tree),

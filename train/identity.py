@@ -14,6 +14,7 @@ import functools
 import hashlib
 import importlib.util
 import inspect
+import itertools
 import sys
 import sysconfig
 from collections.abc import Iterable, Iterator, Mapping
@@ -52,6 +53,12 @@ def code_identity(things: Iterable[Any]) -> dict[str, str]:
 def value_identity(value: Any) -> str:
     """A hash of a value's content: numbers, text, arrays, containers, and objects by what they hold."""
     return _hash(_Seen().value(value))
+
+
+def problem_identity(problem: Problem) -> str:
+    """A hash of a problem and its regions, by which its figures are split."""
+    regions = sorted((name, region.wkb) for name, region in problem.regions.items())
+    return _hash(problem.fingerprint, *itertools.chain.from_iterable(regions))
 
 
 def _hash(*parts: str | bytes) -> str:

@@ -22,8 +22,8 @@ from guided_gym.errors import InvalidInputError, StorageError
 from guided_gym.measure.target import padded
 from guided_gym.storage.sqlite_file import FileFormat, connect, storage_errors, transaction
 
-RESULTS_VERSION = 1  # raise it when a column changes its meaning: older rows are computed anew
-_FILE_VERSION = 1  # raise it when the columns change: older files are refused
+RESULTS_VERSION = 2  # raise it when a column changes its meaning: older rows are computed anew
+_FILE_VERSION = 2  # raise it when the columns change: older files are refused
 RESULTS_FILE = "results.sqlite"
 
 _FORMAT = FileFormat(
@@ -39,6 +39,7 @@ _FORMAT = FileFormat(
             guidance TEXT NOT NULL,
             seed INTEGER NOT NULL,
             settings TEXT NOT NULL,
+            problem TEXT NOT NULL,
             solved INTEGER NOT NULL,
             samples INTEGER NOT NULL,
             nodes INTEGER NOT NULL,
@@ -88,6 +89,7 @@ class Run:
         guidance: Label of the guiding space and its options.
         seed: Seed of the search, and of the problem where it is drawn.
         settings: Fingerprint of everything else that the figures depend on.
+        problem: Hash of the problem that the seed posed.
         solved: Whether a path was found.
         samples: Samples drawn; the limit where unsolved.
         nodes: Nodes of the tree at the end.
@@ -109,6 +111,7 @@ class Run:
     guidance: str
     seed: int
     settings: str
+    problem: str
     solved: bool
     samples: int
     nodes: int
@@ -253,6 +256,23 @@ class ResultsFile:
         query = "SELECT seed FROM runs WHERE environment = ? AND guidance = ? AND settings = ?"
         return {seed for (seed,) in self._select(query, (environment, guidance, settings))}
 
+    def problems(self, environment: str, guidance: str, settings: str) -> dict[int, str]:
+        """Hash of the problem that each seed posed, of those that are there already."""
+        query = "SELECT seed, problem FROM runs WHERE environment = ? AND guidance = ? AND settings = ?"
+        return dict(self._select(query, (environment, guidance, settings)))
+
+    def discard(self, environment: str, guidance: str, settings: str, seeds: Iterable[int]) -> None:
+        """Drop the runs of some seeds.
+
+        Raises:
+            StorageError: The file cannot be written.
+        """
+        rows = [(environment, guidance, settings, seed) for seed in seeds]
+        query = "DELETE FROM runs WHERE environment = ? AND guidance = ? AND settings = ? AND seed = ?"
+        if rows:
+            with storage_errors(self.path, _FORMAT, "write"), transaction(self._connection) as cursor:
+                cursor.executemany(query, rows)
+
     def runs(self, environment: str, guidance: str, settings: str, seeds: Sequence[int]) -> list[Run]:
         """Those of the runs that are there, by seed.
 
@@ -292,6 +312,7 @@ _COLUMNS = (
     "guidance",
     "seed",
     "settings",
+    "problem",
     "solved",
     "samples",
     "nodes",

@@ -25,6 +25,7 @@ def synthetic_run(
     """A run whose SE is the same at each sample."""
     values: dict[str, Any] = {
         "settings": "s",
+        "problem": "p",
         "nodes": samples + 1,
         "total_efficiency": samples * efficiency,
         "best_possible": 1.0,

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import os
 import signal
 import subprocess
@@ -13,10 +14,15 @@ import numpy as np
 import pytest
 import shapely
 
+from guided_gym.catalogue import table
+from guided_gym.catalogue.distributions import ProblemList
 from guided_gym.catalogue.table import make_distribution
 from guided_gym.errors import InvalidInputError, NoPathError, StorageError, UnknownNameError
+from guided_gym.geometry.environment import Environment
+from guided_gym.geometry.robots import Robot
 from guided_gym.options import TargetParameters
 from guided_gym.planning import guided_search
+from guided_gym.problems import Problem, Task
 from guided_gym.train import evaluation
 from guided_gym.train.evaluation import ELSEWHERE, evaluate, region_sums, run_once
 from guided_gym.train.results import RESULTS_FILE, Results, ResultsFile, Run
@@ -80,6 +86,53 @@ def test_second_call__computes_only_what_is_missing(tmp_path: Path, monkeypatch:
     assert computed == [3, 4]
     assert [run.seed for run in more.runs] == [0, 1, 2, 3, 4]
     assert steps == [(3, 5), (5, 5)]
+
+
+def test_rows__are_of_the_problem_that_their_seed_poses(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The code of a distribution stays the same, and so does its first problem; what it reads does not."""
+    lows = tmp_path / "lows.json"
+    lows.write_text("[3.0, 3.5, 4.0]")
+    named = {"region": shapely.box(0, 0, 5, 10)}
+
+    class FromFile(ProblemList):
+        name = "FromFile"
+
+        def __len__(self) -> int:
+            return 3
+
+        def __getitem__(self, index: int) -> Problem:
+            wall = Environment((0, 0, 10, 10), (shapely.box(4.5, json.loads(lows.read_text())[index], 5, 8),))
+            return Problem(Robot.point(), wall, Task((1, 5), (9, 5)), "Wall", dict(named))
+
+    monkeypatch.setattr(table, "_CATALOGUE", table._CATALOGUE | {"FromFile": FromFile})
+    computed: list[int] = []
+
+    def counted(plan: evaluation.Plan, seed: int) -> object:
+        if plan.settings.max_samples == SHORT.max_samples:
+            computed.append(seed)
+        return run_once(plan, seed)
+
+    monkeypatch.setattr(evaluation, "run_once", counted)
+    before, same, other, split = [], [], [], []
+    for rows, content in ((before, "[3, 3.5, 4]"), (same, "[3, 3.5, 4]"), (other, "[3, 3.5, 2]")):
+        lows.write_text(content)
+        table.make_distribution.cache_clear()
+        rows += evaluate("FromFile", "rrt", seeds=3, out=tmp_path / "out", settings=SHORT).runs
+        rows += computed
+        computed.clear()
+    assert before[3:] == [0, 1, 2]
+    assert same[3:] == []
+    assert other[3:] == [2]
+    assert [figures(run) for run in other[:2]] == [figures(run) for run in before[:2]]
+    assert other[2].problem != before[2].problem
+    named["region"] = shapely.box(0, 0, 6, 10)  # figures are split by it
+    table.make_distribution.cache_clear()
+    split += evaluate("FromFile", "rrt", seeds=3, out=tmp_path / "out", settings=SHORT).runs
+    assert computed == [0, 1, 2]
+    assert [run.samples for run in split] == [run.samples for run in other[:3]]
+    table.make_distribution.cache_clear()
 
 
 @pytest.mark.parametrize(

@@ -65,18 +65,18 @@ class Modified(GoalDistance):
     """Knows what it was made with."""
 
     def __init__(
-        self, *, robot: Any = None, environment: Any = None, rule: Any = None, size: int = 1
+        self, *, robot: Any = None, environment: Any = None, note: Any = None, size: int = 1
     ) -> None:
         super().__init__()
-        self.made_with = (robot, environment, rule, size)
+        self.made_with = (robot, environment, note, size)
 
 
-def modified(*, robot: Any = None, environment: Any = None, rule: Any = None, size: int = 1) -> GuidingSpace:
+def modified(*, robot: Any = None, environment: Any = None, note: Any = None, size: int = 1) -> GuidingSpace:
     """A recipe: what it says first.
 
     And what it says then.
     """
-    return Modified(robot=robot, environment=environment, rule=rule, size=size)
+    return Modified(robot=robot, environment=environment, note=note, size=size)
 
 
 @pytest.fixture(autouse=True)
@@ -116,8 +116,8 @@ def test_options__that_are_names_are_looked_up() -> None:
     assert made_with("modified(environment=shrunk(0.3, rounds=2))")[1] == Shrunk(0.3, 2)
     assert made_with("modified", robot="disc(3)", environment=Shrunk(9))[:2] == (("disc", 3), Shrunk(9))
     assert made_with("modified(robot='disc(4)')")[0] == ("disc", 4)
-    assert made_with("modified(rule=swap)")[2] == "swap"  # there is no table of rules here
-    assert made_with("modified(rule=[a, 'b c', 1])")[2] == ("a", "b c", 1)
+    assert made_with("modified(note=disc)")[2] == "disc"  # there is no table of notes
+    assert made_with("modified(note=[a, 'b c', 1])")[2] == ("a", "b c", 1)
 
 
 def test_guides__are_guidances_at_any_depth() -> None:
