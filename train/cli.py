@@ -116,7 +116,9 @@ def evaluate(
     ],
     guidance: Annotated[
         str,
-        typer.Option(help="Guidances, separated by commas; options as name@option=value, hybrids as a+b."),
+        typer.Option(
+            help="Guidances, separated by commas: name@option=value, a+b for a hybrid, or any expression."
+        ),
     ] = "rrt,lazy_prm,medial_axis,hybrid",
     seeds: Seeds = 128,
     workers: Workers = 2,

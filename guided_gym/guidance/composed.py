@@ -13,7 +13,7 @@ from typing import Any, ClassVar
 import numpy as np
 from numpy.typing import NDArray
 
-from guided_gym.checks import flag, number
+from guided_gym.checks import flag, instance, number
 from guided_gym.geometry.environment import Environment
 from guided_gym.guidance.base import GuidingSpace
 from guided_gym.guidance.modifications import SAME, UNCHANGED, EnvironmentModification, RobotModification
@@ -86,6 +86,8 @@ class Composed(GuidingSpace):
     ) -> None:
         super().__init__(temperature=temperature, expansion_penalty=expansion_penalty)
         self.solver, self.robot, self.environment, self.fallback = solver, robot, environment, fallback
+        if lesson is not None:
+            instance("lesson", lesson, Lesson)
         forbids = robot.keeps and environment.optimistic
         self.lesson = (FORBID if forbids else AVOID) if lesson is None else lesson
         self.detour = number("detour", detour, least=0)

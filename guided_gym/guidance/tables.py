@@ -109,12 +109,12 @@ class Table:
         given: dict[str, Any] = {}
         for option in call.options:
             _check_option(option.name, title, known, place(text, option.at))
-            given[option.name] = _value(option.name, option.value, text)
+            given[option.name] = _value(option.name, option.value, text, known)
         for name, value in options.items():
             _check_option(name, title, known, "")
             if name in given:
                 raise InvalidInputError(f"{title}: expected the option {name!r} once, got it in {text!r} too")
-            given[name] = _value(name, value, text)
+            given[name] = _value(name, value, text, known)
         _place_arguments(call, text, title, known, given)
         missing = [
             name
@@ -198,6 +198,8 @@ def parameters(maker: Maker) -> dict[str, inspect.Parameter]:
     """The options of a maker, from its signature."""
     if isinstance(maker, type):
         begin: Maker = maker.__init__  # type: ignore[misc]  # the signature of a class skips a partial one
+        if begin is object.__init__:  # takes anything, says its signature
+            return {}
         return dict(list(inspect.signature(begin).parameters.items())[1:])
     return dict(inspect.signature(maker).parameters)
 
@@ -223,7 +225,7 @@ def _place_arguments(
     if SEVERAL in known:
         if SEVERAL in given:
             raise InvalidInputError(f"{title}: expected {SEVERAL} once, got them twice {where}")
-        given[SEVERAL] = _value(SEVERAL, call.arguments, text)
+        given[SEVERAL] = _value(SEVERAL, call.arguments, text, known)
         return
     if len(call.arguments) > len(known):
         raise InvalidInputError(
@@ -232,19 +234,21 @@ def _place_arguments(
     for name, value in zip(known, call.arguments, strict=False):
         if name in given:
             raise InvalidInputError(f"{title}: expected the option {name!r} once, got it twice {where}")
-        given[name] = _value(name, value, text)
+        given[name] = _value(name, value, text, known)
 
 
-def _value(option: str, value: Any, text: str) -> Any:
+def _value(option: str, value: Any, text: str, known: Mapping[str, inspect.Parameter]) -> Any:
     """The value of an option: what a name or call stands for where there is a table, else the plain value."""
     table = _KINDS.get(option)
-    if table is not None:
-        if option != SEVERAL:
-            return _member(table, value, text)
-        if isinstance(value, Call):
-            value = [value]
+    if table is not None and option == SEVERAL:
+        value = [value] if isinstance(value, Call) else value
         several = isinstance(value, Sequence) and not isinstance(value, str)
         return [_member(table, item, text) for item in value] if several else value
+    if table is not None:
+        default = known[option].default if option in known else None
+        if isinstance(value, int | float | list | tuple) or (value is None and default is not None):
+            raise InvalidInputError(f"{option}: expected a {table.kind} or its name, got {value!r}")
+        return _member(table, value, text)
     if isinstance(value, Call):
         if not value.bare:
             raise InvalidInputError(
@@ -252,7 +256,7 @@ def _value(option: str, value: Any, text: str) -> Any:
                 f"take calls: {', '.join(sorted(_KINDS))}"
             )
         return value.name
-    return tuple(_value(option, item, text) for item in value) if isinstance(value, tuple) else value
+    return tuple(_value(option, item, text, known) for item in value) if isinstance(value, tuple) else value
 
 
 def _member(table: Table, value: Any, text: str) -> Any:

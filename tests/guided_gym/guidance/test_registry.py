@@ -41,6 +41,10 @@ class Shrunk:
     rounds: int = 1
 
 
+class Bodiless:
+    """A class without options."""
+
+
 def disc(radius: float = 1.0) -> tuple[str, float]:
     """A disc, inscribed.
 
@@ -84,7 +88,7 @@ def own_tables(monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
     """Tables of this test's own, and the others as they were afterwards."""
     monkeypatch.setattr(registry.GUIDANCES, "rows", dict(registry.GUIDANCES.rows))
     monkeypatch.setattr(tables, "_KINDS", dict(tables._KINDS))
-    register_kind("robot", Table("robot", {"point": lambda: "point", "disc": disc}))
+    register_kind("robot", Table("robot", {"point": lambda: "point", "disc": disc, "bodiless": Bodiless}))
     register_kind("environment", Table("environment modification", {"shrunk": Shrunk}))
     register_guidance(modified)
     yield
@@ -154,6 +158,12 @@ def test_guides__are_guidances_at_any_depth() -> None:
         ("hybrid(prm, rrt(goal_bias=fast))", INVALID, r"goal_bias: expected .*got 'fast' \(guid.* 13"),
         ("hybrid(3)", INVALID, r"guides: expected .*got 3"),
         ("hybrid(rrt, guides=[prm])", INVALID, r"guides once, got them twice at character 1"),
+        ("modified(robot=0.5)", INVALID, r"robot: expected a robot or its name, got 0.5"),
+        ("modified(robot=[disc])", INVALID, r"robot: expected a robot or its name, got \("),
+        ("modified(robot=bodiless(size=1))", UNKNOWN, r"option of robot 'bodiless': 'size' at character 25"),
+        ("lazy_prm(factor=far)", INVALID, r"factor: expected .*got 'far'"),
+        ("lazy_prm(node=3)", INVALID, r"node: expected True or False, got 3"),
+        ("lazy_prm(lesson=all)", INVALID, r"lesson: expected a Lesson, got 'all'"),
         ("os:getcwd", INVALID, r"'os:getcwd': expected a GuidingSpace"),
     ],
 )  # fmt: skip
