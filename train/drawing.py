@@ -140,7 +140,7 @@ def _database_figure(results: Results) -> Figure:
 
 def _example(plan: Plan, seed: int, full: bool = False) -> _Example:
     problem, result = run_once(plan, seed)
-    label = figures.label_of(plan.spec.name if full else plan.spec.label)
+    label = figures.label_of(plan.spec.name if full and plan.spec.options else plan.spec.label)
     return _Example(f"{label} on {plan.environment}" if full else label, made(plan.spec), problem, result)
 
 

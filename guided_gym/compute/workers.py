@@ -155,9 +155,9 @@ def _result(future: concurrent.futures.Future[R]) -> R:
         return future.result()
     except UnknownNameError as error:
         raise InvalidInputError(
-            f"{error.subject}: expected a name that the worker processes know, too, but they do not know what "
-            "a notebook registers, or a script under `if __name__ == '__main__':`. Put that into a module, and "
-            "name the module with --import, imports=[...] in Python; or use one worker"
+            f"{error.subject}: expected a name that the worker processes know, too; they do not know what a "
+            "notebook registers, or a script under `if __name__ == '__main__':`. Put that into a module, and "
+            "name it with --import (in Python, imports=[...]), or use one worker"
         ) from error
 
 

@@ -16,9 +16,13 @@ import numpy as np
 import pytest
 
 from guided_gym.catalogue.table import make_distribution
+from guided_gym.guidance import registry
 from guided_gym.guidance.cells import Voronoi
 from guided_gym.guidance.registry import make_guidance
+from guided_gym.train.evaluation import evaluate
 from guided_gym.train.identity import code_identity, value_identity
+from guided_gym.train.results import ResultsFile
+from guided_gym.train.specs import EvaluationSettings
 
 GUIDANCE = """
     import numpy as np
@@ -47,7 +51,7 @@ GUIDANCE = """
 FEES = """
     from tariffs import TARIFF
     def fee(states, h):
-        return h + TARIFF * states[:, 0]
+        return h + TARIFF * abs(states[:, 0])
 """
 TARIFFS = "TARIFF = 0.0\n"
 PROBLEMS = """
@@ -188,6 +192,40 @@ def script(text: str, **names: Any) -> dict[str, Any]:
 
 def of_script(text: str, name: str = "f", **names: Any) -> dict[str, str]:
     return code_identity([script(text, **names)[name]])
+
+
+NOTEBOOK = """
+    import numpy as np
+    from guided_gym import GuidingSpace, register_guidance
+
+    @register_guidance
+    class Cell(GuidingSpace):
+        name = "cell"
+        def project(self, tree, q):
+            return q
+        def heuristic(self, states):
+            return FACTOR * np.abs(states[:, 0])
+"""
+
+
+def test_notebook__that_runs_a_cell_again_gets_new_rows(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(registry.GUIDANCES, "rows", dict(registry.GUIDANCES.rows))
+    settings = EvaluationSettings(max_samples=40)
+
+    def trees(factor: float) -> list[tuple[float, int]]:
+        script(NOTEBOOK, FACTOR=factor)
+        runs = evaluate("Cup", ["cell", "hybrid(cell, rrt)"], seeds=2, out=tmp_path, settings=settings).runs
+        return [(run.total_efficiency, run.nodes) for run in runs]
+
+    first, level = trees(1.0), trees(0.0)
+    assert first != level
+    assert trees(1.0) == first
+    assert trees(0.0) == level
+    with ResultsFile.in_folder(tmp_path) as file:
+        rows = file._connection.execute("SELECT count(*) FROM runs").fetchone()
+    assert rows == (2 * 4,)  # those of the first two calls
 
 
 FUNCTION = """

@@ -3,14 +3,19 @@
 from __future__ import annotations
 
 import pickle
+import shlex
+import shutil
 from pathlib import Path
 
 import pytest
+from typer.testing import CliRunner
 
 from guided_gym.errors import InvalidInputError, UnknownNameError
 from guided_gym.guidance.cells import Uninformed
 from guided_gym.guidance.grammar import Call, parse
 from guided_gym.guidance.hybrid import Hybrid
+from guided_gym.guidance.learned.agent import agent_folder
+from guided_gym.train import cli
 from guided_gym.train.evaluation import as_specs
 from guided_gym.train.specs import EvaluationSettings, GuidanceSpec, learned_word, settings_content, words
 
@@ -92,8 +97,6 @@ def test_database__reaches_each_guidance_that_needs_one(tmp_path: Path) -> None:
 def test_learned_word__names_the_folder_to_a_shell(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, folder: str
 ) -> None:
-    import shlex
-
     monkeypatch.chdir(tmp_path)
     agent = Path("runs") / folder / "agent"
     agent.mkdir(parents=True)
@@ -102,3 +105,18 @@ def test_learned_word__names_the_folder_to_a_shell(
     assert parse(item) == Call(f"learned:{agent}")
     if "+" in folder:
         assert learned_word(agent) == f"learned:runs/{folder}/agent"  # as people write it
+
+
+def test_trained_on_two_environments__is_found_by_the_command_that_training_suggests(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    folder = Path("runs") / "hybrid-RandomTrapCup+RandomMaze" / "agent"
+    shutil.copytree(agent_folder("trap-cup-hybrid"), folder)
+    (tmp_path / "runs" / "hybrid-RandomTrapCup").mkdir()  # a shorter path that exists, too
+    command = f"evaluate --guidance {learned_word(folder)} --env Cup --seeds 1 --workers 1 --max-samples 40"
+    result = CliRunner().invoke(cli.app, [*shlex.split(command), "--no-figures", "--out", "out"])
+    assert result.exit_code == 0, result.stderr
+    assert (tmp_path / "out" / "table.csv").exists()
+    made = GuidanceSpec.parse(f"learned:{folder}@temperature=1.0+rrt").make()
+    assert [guide.name for guide in made.guides] == [f"learned:{folder}", "rrt"]  # type: ignore[attr-defined]
