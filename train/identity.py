@@ -125,19 +125,20 @@ class _Seen:
         )
 
     def _function(self, function: FunctionType, depth: int) -> None:
-        if not _yours(function):
-            return
-        if _importable(function.__module__):
-            self._module(function.__module__)
-            held = self._extras(function, depth)
+        yours, title = _yours(function), _title(function)
+        if not yours or _importable(function.__module__):
+            if yours:
+                self._module(function.__module__)
+            # A function of the package that made another, such as a recipe, was given something by you.
+            held = self._extras(function, depth) if yours or function.__closure__ else []
             if held:
-                self._note(_title(function), *held)
+                self._note(title, *held)
             return
-        self._note(_title(function), self._code(function.__code__), *self._extras(function, depth))
+        self._note(title, self._code(function.__code__), *self._extras(function, depth))
         for name in _names(function.__code__):
             if name in function.__globals__:
                 value = function.__globals__[name]
-                self._note(f"{_title(function)}: {name}", self.value(value, depth + 1))
+                self._note(f"{title}: {name}", self.value(value, depth + 1))
 
     def _extras(self, function: FunctionType, depth: int) -> list[str]:
         """What a function has besides its code: defaults, and what its closure holds."""

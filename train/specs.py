@@ -288,7 +288,7 @@ def _yours(calls: Sequence[Call], *others: Any) -> dict[str, str]:
 
     found = list(others)
     for call, table in itertools.chain.from_iterable(map(parts, calls)):
-        if not call.name.startswith(LEARNED):
+        if not (call.name.startswith(LEARNED) or table.is_built_in(call.name)):
             found.append(table.maker(call.name))
         found += call.arguments
         found += [option.value for option in call.options]

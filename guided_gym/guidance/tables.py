@@ -33,12 +33,17 @@ class Table:
     def __init__(self, kind: str, rows: Mapping[str, Maker] | None = None) -> None:
         self.kind = kind
         self.rows = dict(rows or {})
+        self._first = dict(self.rows)
 
     def __iter__(self) -> Iterator[str]:
         return iter(self.rows)
 
     def __contains__(self, name: object) -> bool:
         return name in self.rows
+
+    def is_built_in(self, name: str) -> bool:
+        """Whether a row is one that the table began with."""
+        return name in self._first and self.rows.get(name) is self._first[name]
 
     def register(self, maker: M, name: str | None = None, *, replace: bool = False) -> M:
         """Make something known by a name; also a decorator.

@@ -18,11 +18,13 @@ import pytest
 from guided_gym.catalogue.table import make_distribution
 from guided_gym.guidance import registry
 from guided_gym.guidance.cells import Voronoi
+from guided_gym.guidance.recipes import recipe
 from guided_gym.guidance.registry import make_guidance
+from guided_gym.guidance.solvers.plain import Straight
 from guided_gym.train.evaluation import evaluate
 from guided_gym.train.identity import code_identity, value_identity
 from guided_gym.train.results import ResultsFile
-from guided_gym.train.specs import EvaluationSettings
+from guided_gym.train.specs import EvaluationSettings, GuidanceSpec, settings_content
 
 GUIDANCE = """
     import numpy as np
@@ -181,6 +183,32 @@ def test_module__counts_by_what_is_loaded_too(tmp_path: Path, monkeypatch: pytes
         after = code_identity([loaded(tmp_path, monkeypatch, second_gg=new).f])
         assert len({str(before), str(edited), str(after)}) == 3
         assert after == code_identity([loaded(tmp_path, monkeypatch, second_gg=new).f])
+
+
+def test_recipe__counts_by_what_it_was_made_of(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """A recipe is a function of the package's own, whatever solver it was made of."""
+    monkeypatch.setattr(registry.GUIDANCES, "rows", dict(registry.GUIDANCES.rows))
+    text = """
+        from guided_gym.guidance.recipes import recipe
+        from guided_gym.guidance.solvers.plain import Straight
+        class Mine(Straight):
+            factor = 1
+        made = recipe(Mine, "My own.", temperature=0.5)
+    """
+
+    def yours(text: str) -> dict[str, str]:
+        registry.register_guidance(loaded(tmp_path, monkeypatch, third_gg=text).made, "third", replace=True)
+        spec = GuidanceSpec("hybrid(third, rrt)")
+        found: dict[str, str] = settings_content("Cup", spec, EvaluationSettings())["yours"]
+        return found
+
+    before = yours(text)
+    assert "third_gg" in before
+    assert yours(text) == before
+    assert yours(text.replace("factor = 1", "factor = 2")) != before
+    # Nor has the module that calls `recipe` to be the one that its solver is in.
+    assert len({str(code_identity([recipe(Straight, "", temperature=t)])) for t in (0.5, 0.6)}) == 2
+    assert settings_content("Cup", GuidanceSpec("lazy_prm+rrt"), EvaluationSettings())["yours"] == {}
 
 
 def script(text: str, **names: Any) -> dict[str, Any]:
