@@ -145,7 +145,9 @@ def split(what: str, text: str) -> list[str]:
     if not text.strip():
         return []
     if not all(items):
-        raise InvalidInputError(f"{what}: expected names separated by commas, got an empty one in {text!r}")
+        raise InvalidInputError(
+            f"{what}: expected names separated by commas, got an empty one in {shown(text)}"
+        )
     return items
 
 

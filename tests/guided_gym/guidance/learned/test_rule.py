@@ -67,6 +67,14 @@ def test_a_rule_that_keeps_its_guide_keeps_it(tmp_path):
     assert np.array_equal(kept.tree.configurations, alone.tree.configurations)
 
 
+def test_guides_may_be_expressions(tmp_path):
+    guides = ["lazy_prm(vertices=100)", "rrt@goal_bias=0.1+prm"]
+    made = make_guidance(f"learned:{folder_of(tmp_path, keeping_tensors(), guides=guides)}")
+    assert [guide.name for guide in made.guides] == ["lazy_prm", "hybrid"]
+    problem = make_distribution("RandomTrapCup").problem(1)
+    assert guided_search(problem, made, seed=1, max_samples=10, measure=False).samples == 10
+
+
 @pytest.mark.parametrize("temperature", [0.0, 1.0])
 def test_the_same_seed_gives_the_same_tree(tmp_path, temperature):
     folder = folder_of(tmp_path, random_tensors(), hidden=[4])
