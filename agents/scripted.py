@@ -54,7 +54,7 @@ class GuidanceAgent:
     """
 
     def __init__(
-        self, guidance: str | GuidingSpace, env: gymnasium.Env[Any, Any] | None = None, **options: Any
+        self, guidance: str | GuidingSpace, /, env: gymnasium.Env[Any, Any] | None = None, **options: Any
     ) -> None:
         self.guidance = self._own = make_guidance(guidance, **options)
         self.name = guidance if isinstance(guidance, str) else self._own.name
@@ -173,7 +173,7 @@ def agent_names() -> list[str]:
 
 
 def make_agent(
-    agent: str | GuidingSpace, env: gymnasium.Env[Any, Any] | None = None, **options: Any
+    agent: str | GuidingSpace, /, env: gymnasium.Env[Any, Any] | None = None, **options: Any
 ) -> Agent:
     """An agent by name, or a guiding space as an agent.
 

@@ -6,6 +6,8 @@ import difflib
 import warnings
 from collections.abc import Iterable
 
+_LONGEST = 200  # characters of a name that a message repeats
+
 
 class GuidedGymError(Exception):
     """Root of every error that this package raises on purpose.
@@ -27,9 +29,11 @@ class UnknownNameError(GuidedGymError, KeyError):
 
     def __init__(self, kind: str, name: object, known: Iterable[str], where: str = "") -> None:
         known = sorted(known)
-        close = difflib.get_close_matches(str(name), known, n=1, cutoff=0.4)
-        hint = f"; did you mean {close[0]!r}?" if close else ""
-        self.subject = f"{kind} {name!r}"
+        lower = {word.lower(): word for word in reversed(known)}
+        close = difflib.get_close_matches(str(name).lower(), lower, n=1, cutoff=0.4)
+        hint = f"; did you mean {lower[close[0]]!r}?" if close else ""
+        said = repr(name)
+        self.subject = f"{kind} {said if len(said) <= _LONGEST else said[:_LONGEST] + '…'}"
         self.message = f"unknown {self.subject}{where and f' {where}'}{hint} (known: {', '.join(known)})"
         super().__init__(self.message)
 

@@ -29,8 +29,10 @@ _NUMBER: Final = re.compile(
 )
 _INTEGER: Final = re.compile(r"-?\d+", re.ASCII)
 _QUOTED: Final = re.compile(r'"((?:[^"]|"")*)"' + r"|'((?:[^']|'')*)'")
-_CONSTANTS: Final[dict[str, bool | None]] = {"true": True, "false": False, "none": None}
-_CONSTANTS_AS_TEXT: Final = {value: text for text, value in _CONSTANTS.items()}
+_WRITTEN: Final[dict[bool | None, str]] = {True: "true", False: "false", None: "none"}
+_CONSTANTS: Final = {text: value for value, text in _WRITTEN.items()} | {
+    str(value): value for value in _WRITTEN
+}
 _SHOWN: Final = 60  # characters of an expression in a message
 
 
@@ -89,7 +91,7 @@ def text_of(value: Any) -> str:
     if isinstance(value, str):
         return _in_quotes(value)
     if value is None or isinstance(value, bool):
-        return _CONSTANTS_AS_TEXT[value]
+        return _WRITTEN[value]
     return str(value)
 
 

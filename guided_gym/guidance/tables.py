@@ -210,9 +210,14 @@ def parameters(maker: Maker) -> dict[str, inspect.Parameter]:
 
 
 def _unpacked(known: Mapping[str, inspect.Parameter], given: dict[str, Any]) -> Sequence[Any]:
-    """The values of ``*name``, taken out of those given."""
+    """The values of ``*name`` and of what stands before it, taken out of those given."""
     starred = [name for name, p in known.items() if p.kind is p.VAR_POSITIONAL and name in given]
-    return list(given.pop(starred[0])) if starred else ()
+    if not starred:
+        return ()
+    values = given.pop(starred[0])
+    before = list(known)[: list(known).index(starred[0])]
+    first = [given.pop(name) if name in given else known[name].default for name in before]
+    return [*first, *(values if isinstance(values, list | tuple) else [values])]
 
 
 def _check_option(name: str, title: str, known: Mapping[str, inspect.Parameter], where: str) -> None:
@@ -232,14 +237,19 @@ def _place_arguments(
             raise InvalidInputError(f"{title}: expected {SEVERAL} once, got them twice {where}")
         given[SEVERAL] = _value(SEVERAL, call.arguments, text, known)
         return
-    if len(call.arguments) > len(known):
-        raise InvalidInputError(
-            f"{title}: expected {len(known)} values without a name at most, got {len(call.arguments)} {where}"
-        )
-    for name, value in zip(known, call.arguments, strict=False):
+    starred = [name for name, p in known.items() if p.kind is p.VAR_POSITIONAL]
+    if len(call.arguments) > len(known) and not starred:
+        got = f"got {len(call.arguments)} {where}"
+        raise InvalidInputError(f"{title}: expected at most {len(known)} options without a name, {got}")
+    values: list[Any] = list(call.arguments)
+    for name in known:
+        if not values:
+            break
         if name in given:
             raise InvalidInputError(f"{title}: expected the option {name!r} once, got it twice {where}")
+        value = tuple(values) if name in starred else values[0]
         given[name] = _value(name, value, text, known)
+        values = [] if name in starred else values[1:]
 
 
 def _value(option: str, value: Any, text: str, known: Mapping[str, inspect.Parameter]) -> Any:

@@ -36,6 +36,7 @@ A, B = Call("a"), Call("b")
         ("a@x=.5", call("a", x=0.5)),
         ("a(x=-inf)", call("a", x=float("-inf"))),
         ("a(x=true, y=false, z=none)", call("a", x=True, y=False, z=None)),
+        ("a(x=True, y=False, z=None)", call("a", x=True, y=False, z=None)),
         ("a(x=b)", call("a", x=B)),
         ("a(x='b')", call("a", x="b")),
         ("a(x=b+c@y=1)", call("a", x=call("hybrid", B, call("c", y=1)))),
@@ -193,7 +194,7 @@ def test_split__refuses_empty_items(text: str) -> None:
 
 
 @pytest.mark.parametrize(
-    "name", ["", "true", "1", "1e5", "-inf", "a b", "a:b", "a+b", 'a"', "a'b", "a(", None, 3]
+    "name", ["", "true", "None", "1", "1e5", "-inf", "a b", "a:b", "a+b", 'a"', "a'b", "a(", None, 3]
 )
 def test_is_name__refuses_what_an_expression_reads_otherwise(name: object) -> None:
     assert not is_name(name)

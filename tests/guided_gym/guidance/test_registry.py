@@ -75,6 +75,11 @@ class Modified(GoalDistance):
         self.made_with = (robot, environment, note, size)
 
 
+def several(first: int = 0, *names: str, last: int = 9) -> tuple[Any, ...]:
+    """Takes any number of names."""
+    return first, names, last
+
+
 def modified(*, robot: Any = None, environment: Any = None, note: Any = None, size: int = 1) -> GuidingSpace:
     """A recipe: what it says first.
 
@@ -88,7 +93,10 @@ def own_tables(monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
     """Tables of this test's own, and the others as they were afterwards."""
     monkeypatch.setattr(registry.GUIDANCES, "rows", dict(registry.GUIDANCES.rows))
     monkeypatch.setattr(tables, "_KINDS", dict(tables._KINDS))
-    register_kind("robot", Table("robot", {"point": lambda: "point", "disc": disc, "bodiless": Bodiless}))
+    register_kind(
+        "robot",
+        Table("robot", {"point": lambda: "point", "disc": disc, "bodiless": Bodiless, "several": several}),
+    )
     register_kind("environment", Table("environment modification", {"shrunk": Shrunk}))
     register_guidance(modified)
     yield
@@ -120,6 +128,8 @@ def test_options__that_are_names_are_looked_up() -> None:
     assert made_with("modified(environment=shrunk(0.3, rounds=2))")[1] == Shrunk(0.3, 2)
     assert made_with("modified", robot="disc(3)", environment=Shrunk(9))[:2] == (("disc", 3), Shrunk(9))
     assert made_with("modified(robot='disc(4)')")[0] == ("disc", 4)
+    assert made_with("modified(robot=several)")[0] == (0, (), 9)
+    assert made_with("modified(robot=several(1, a, 'b c', last=2))")[0] == (1, ("a", "b c"), 2)
     assert made_with("modified(note=disc)")[2] == "disc"  # there is no table of notes
     assert made_with("modified(note=[a, 'b c', 1])")[2] == ("a", "b c", 1)
 
@@ -142,6 +152,8 @@ def test_guides__are_guidances_at_any_depth() -> None:
         ("rrrt", UNKNOWN, r"^unknown guidance 'rrrt'; did you mean 'rrt'\?"),
         ("prm + rrrt", UNKNOWN, r"'rrrt' at character 7 of 'prm \+ rrrt'; did you mean 'rrt'"),
         ("hybrid(prm, hybrid(rrrt))", UNKNOWN, r"guidance 'rrrt' at character 20 of .*mean 'rrt'"),
+        ("RRT", UNKNOWN, r"^unknown guidance 'RRT'; did you mean 'rrt'\?"),
+        ("a" * 9000, UNKNOWN, r"^unknown guidance 'a{199}…"),
         ("rrt(goal_bais=1)", UNKNOWN, r"'goal_bais' at character 5 of .*did you mean 'goal_bias'"),
         ("prm+rrt@goal_bais=1", UNKNOWN, r"'goal_bais' at character 9 of .*did you mean 'goal_bias'"),
         ("modified(robot=disk)", UNKNOWN, r"robot 'disk' at character 16 of .*did you mean 'disc'"),
@@ -150,7 +162,7 @@ def test_guides__are_guidances_at_any_depth() -> None:
         ("modified(environment=shrink)", UNKNOWN, r"'shrink' at character 22.*did you mean 'shrunk'"),
         ("hybrid(learned:piont)", UNKNOWN, r"'piont'; did you mean 'point'.* at character 8 of"),
         ("modified(robot=disc(1, 2))", INVALID,
-         r"robot 'disc': expected 1 values without a name at most, got 2 at character 16"),
+         r"robot 'disc': expected at most 1 options without a name, got 2 at character 16"),
         ("modified(robot=disc(1, radius=2))", INVALID, r"the option 'radius' once, got it twice at"),
         ("rrt(cell_samples=f(3))", INVALID, r"'cell_samples': expected a value, got a call at .* 18"),
         ("hybrid(prm, rrt(goal_bias=7))", INVALID,
@@ -176,6 +188,9 @@ def test_errors__say_what_and_where(text: str, error: type[Exception], message: 
 
 def test_options__are_given_once() -> None:
     assert vars(make_guidance("rrt@goal_bias=0.1", cell_samples=7))["goal_bias"] == 0.1
+    inner = make_guidance("searched", guidance="rrt(goal_bias=0.2)").solver.guidance  # type: ignore[attr-defined]
+    assert vars(inner)["goal_bias"] == 0.2  # an option that is called as an argument of ours is
+    assert make_agent("searched", guidance="rrt").guidance.name == "searched"  # type: ignore[attr-defined]
     with pytest.raises(InvalidInputError, match="the option 'goal_bias' once"):
         make_guidance("rrt@goal_bias=0.1", goal_bias=0.2)
 
