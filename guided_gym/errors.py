@@ -42,16 +42,13 @@ class UnknownNameError(GuidedGymError, KeyError):
 
     def placed(self, where: str) -> UnknownNameError:
         """This error, saying where in a longer text the name was, unless it does already."""
-        return (
-            self if where in self.message else _restored(f"{self.message} {where}", self.subject, type(self))
-        )
+        if where in self.message:
+            return self
+        return _restored(f"{self.message} {where}", self.subject, type(self))
 
     def __reduce__(self) -> tuple[object, ...]:
-        return _restored, (
-            self.message,
-            self.subject,
-            type(self),
-        )  # they alone come back from a worker process
+        # They alone come back from a worker process.
+        return _restored, (self.message, self.subject, type(self))
 
 
 class UnknownOptionError(UnknownNameError, TypeError):
