@@ -113,6 +113,7 @@ def signed_distances(edges: FloatArray, bounds: FloatArray, frame: FloatArray, n
     count = edges.shape[0]
     every, block, few = np.arange(count), np.empty(count, np.int64), np.empty(count, np.int64)
     room = np.empty(count)
+    scratch = np.empty(FINE * FINE), np.empty(FINE * FINE), np.empty(FINE * FINE)
     for r0 in range(0, n, _BLOCK):
         for c0 in range(0, n, _BLOCK):
             x, y = frame[ORIGIN_X] + (c0 - 0.5) * cell, frame[ORIGIN_Y] + (r0 - 0.5) * cell
@@ -121,7 +122,7 @@ def signed_distances(edges: FloatArray, bounds: FloatArray, frame: FloatArray, n
             near = block[: _near(edges, every, x + wide / 2, y + wide / 2, half, block, room)]
             for r in range(r0, min(r0 + _BLOCK, n)):
                 for c in range(c0, min(c0 + _BLOCK, n)):
-                    _sample_cell(edges, bounds, frame, r, c, near, few, room, out)
+                    _sample_cell(edges, bounds, frame, r, c, near, few, room, scratch, out)
     return out
 
 
@@ -135,14 +136,15 @@ def _sample_cell(
     near: IntArray,
     few: IntArray,
     room: FloatArray,
+    scratch: tuple[FloatArray, FloatArray, FloatArray],
     out: Field,
 ) -> None:
     """Turn the signs of one cell's samples into signed distances, by the edges near it."""
     cell = frame[CELL]
     x, y = frame[ORIGIN_X] + c * cell, frame[ORIGIN_Y] + r * cell
     count = _near(edges, near, x, y, math.sqrt(0.5) * cell, few, room)
-    squares = np.full(FINE * FINE, np.inf)
-    xs, ys = np.empty(FINE * FINE), np.empty(FINE * FINE)
+    squares, xs, ys = scratch
+    squares[:] = np.inf
     for i in range(FINE * FINE):
         xs[i] = x + ((i % FINE + 0.5) / FINE - 0.5) * cell
         ys[i] = y + ((i // FINE + 0.5) / FINE - 0.5) * cell
