@@ -23,7 +23,8 @@ from rich.table import Table
 
 from guided_gym import guided_search, make_guidance
 from guided_gym.catalogue.table import make_distribution
-from guided_gym.guidance.wavefront import Wavefront
+from guided_gym.guidance.composed import Composed
+from guided_gym.guidance.solvers.wave import Wave
 from guided_gym.options import SearchOptions
 from guided_gym.randomness import streams
 from guided_gym.search.search import Search
@@ -66,11 +67,11 @@ def row(times: list[tuple[float, float]], limit: float | None = None) -> dict[st
 def field_times(name: str, environment: str, problems: int) -> dict[str, float]:
     """Of raster, encoder and wave, finer grids included where they were needed."""
     guidance = make_guidance(name)
-    assert isinstance(guidance, Wavefront)
+    assert isinstance(guidance, Composed) and isinstance(guidance.solver, Wave)
     distribution = make_distribution(f"{environment}@validation")
-    guidance.model.solve(distribution.problem(0))  # compiles
+    guidance.solver.model.solve(distribution.problem(0))  # compiles
     posed = [distribution.problem(i) for i in range(1, problems + 1)]
-    return row([timed(lambda p=problem: guidance.model.solve(p)) for problem in posed], FIELD_LIMIT)
+    return row([timed(lambda p=problem: guidance.solver.model.solve(p)) for problem in posed], FIELD_LIMIT)
 
 
 def choice_times(name: str, size: int, choices: int) -> dict[str, dict[str, float]]:

@@ -13,7 +13,7 @@ from typing import Any, ClassVar
 import numpy as np
 from numpy.typing import NDArray
 
-from guided_gym.checks import flag, instance, number
+from guided_gym.checks import flag, instance, integer, number
 from guided_gym.geometry.environment import Environment
 from guided_gym.guidance.base import GuidingSpace
 from guided_gym.guidance.modifications import SAME, UNCHANGED, EnvironmentModification, RobotModification
@@ -68,6 +68,7 @@ class Composed(GuidingSpace):
         detour: How much a node's suboptimality counts beside its cost-to-go, both as the solver sees them.
         temperature: See `GuidingSpace`.
         expansion_penalty: What each expansion of a node adds to its h, in natural lengths of the space.
+        candidates: Members of N_C(v) that a proposal looks at; None for as many as the search's options say.
     """
 
     name: ClassVar[str] = "composed"
@@ -83,6 +84,7 @@ class Composed(GuidingSpace):
         detour: float = 0.0,
         temperature: float = 0.0,
         expansion_penalty: float = 0.1,
+        candidates: int | None = None,
     ) -> None:
         super().__init__(temperature=temperature, expansion_penalty=expansion_penalty)
         self.solver, self.robot, self.environment, self.fallback = solver, robot, environment, fallback
@@ -91,6 +93,7 @@ class Composed(GuidingSpace):
         forbids = robot.keeps and environment.optimistic
         self.lesson = (FORBID if forbids else AVOID) if lesson is None else lesson
         self.detour = number("detour", detour, least=0)
+        self.candidates = None if candidates is None else integer("candidates", candidates, least=1)
 
     def prepare(self) -> None:
         """Modify the problem, and have the solver begin."""
@@ -169,10 +172,27 @@ class Composed(GuidingSpace):
         return super().distribution(tree)
 
     def propose(self, tree: SearchTree, node: int) -> Floats:
-        """(d,) the candidate with the least h; the fallback's proposal while the node has no way."""
+        """(d,) the candidate with the least h; the fallback's proposal while the node has no way.
+
+        Where the task ends in a region around the goal, a node within a step of it tries the goal itself
+        first: where that has no room, few candidates lie so deep in the region.
+        """
         if self.fallback is not None and not math.isfinite(self.costs(tree)[node]):
             return self.fallback.propose(tree, node)
-        return super().propose(tree, node)
+        q = tree.nodes.configurations[node]
+        untried = tree.nodes.children[node] + tree.nodes.failures[node] == 0
+        if (
+            untried
+            and not self.search.task.by_edge
+            and self.space.distance(q, self.goal) <= self.planner.step
+        ):
+            return self.goal.copy()
+        candidates = self.planner.candidates(q, self.candidates)
+        best: Floats = candidates[np.argmin(self._of(self.project(tree, candidates)))]
+        return best
+
+    def _of(self, states: Floats) -> Floats:
+        return self._checked(self.heuristic(states), len(states))
 
     def feedback(self, expansion: Expansion) -> None:
         """Teach the solver what a failure means, or have it begin anew in another E'."""

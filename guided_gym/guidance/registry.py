@@ -15,7 +15,6 @@ from guided_gym.guidance.modifications import ENVIRONMENTS, ROBOTS
 from guided_gym.guidance.recipes import RECIPES, SOLVERS
 from guided_gym.guidance.rules import RULES
 from guided_gym.guidance.tables import SEVERAL, Maker, Table, expanded, register_kind, walk
-from guided_gym.guidance.wavefront import Wavefront
 
 M = TypeVar("M", bound=Maker)
 
@@ -72,7 +71,6 @@ GUIDANCES: Final = _Guidances(
         Uninformed.name: Uninformed,
         Voronoi.name: Voronoi,
         **RECIPES,
-        Wavefront.name: Wavefront,
         Hybrid.name: Hybrid,
         **SOLVERS,
     },

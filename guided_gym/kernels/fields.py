@@ -838,38 +838,6 @@ def corners(qs: FloatArray, field: Field, frame: FloatArray) -> tuple[IntArray, 
 
 
 @njit(cache=True)
-def least_room(
-    q: FloatArray, candidates: FloatArray, distances: Field, body: FloatArray, frame: FloatArray, parts: int
-) -> FloatArray:
-    """(m,) least room, in cells, at ``parts`` poses along the motions from q to candidates (m, d).
-
-    Args:
-        q: (d,) where the motions begin; not looked at itself.
-        candidates: (m, d) where they end.
-        distances: (n * FINE, n * FINE) what `signed_distances` gives.
-        body: (k, 3) discs that fill the robot, in cells.
-        frame: Where the cells lie.
-        parts: How many poses.
-    """
-    d = q.size
-    out = np.empty(candidates.shape[0])
-    for m in range(candidates.shape[0]):
-        least = np.inf
-        turn = 0.0
-        if d > 2:
-            turn = (candidates[m, 2] - q[2]) / (2.0 * math.pi)
-            turn = 2.0 * math.pi * (turn - math.floor(turn + 0.5))
-        for p in range(1, parts + 1):
-            t = p / parts
-            gx = (q[0] + t * (candidates[m, 0] - q[0]) - frame[ORIGIN_X]) / frame[CELL]
-            gy = (q[1] + t * (candidates[m, 1] - q[1]) - frame[ORIGIN_Y]) / frame[CELL]
-            theta = q[2] + t * turn if d > 2 else 0.0
-            least = min(least, _room(distances, gx, gy, math.cos(theta), math.sin(theta), body, LEAST))
-        out[m] = least
-    return out
-
-
-@njit(cache=True)
 def _crosses(q: FloatArray, end: FloatArray, closed: Links, frame: FloatArray) -> bool:
     """Whether the poses that a motion passes nearest are cut off from each other by closed links."""
     n, turns = closed.shape[0], closed.shape[2]
@@ -901,51 +869,6 @@ def _crosses(q: FloatArray, end: FloatArray, closed: Links, frame: FloatArray) -
             return True
         r, c, k = rr, cc, kk
     return False
-
-
-@njit(cache=True)
-def best_motion(
-    q: FloatArray,
-    candidates: FloatArray,
-    scores: FloatArray,
-    distances: Field,
-    body: FloatArray,
-    closed: Links,
-    frame: FloatArray,
-    parts: int,
-    enough: float,
-    penalty: float,
-) -> int:
-    """The candidate of the least score, where a motion with less room than ``enough`` cells scores more.
-
-    The score grows by ``penalty`` for each ``enough`` that is lacking, and no more below `LEAST`. Only
-    motions that can still be the best are looked at.
-
-    Args:
-        q: (d,) where the motions begin.
-        candidates: (m, d) where they end.
-        scores: (m,) their scores, room left out.
-        distances: (n * FINE, n * FINE) what `signed_distances` gives.
-        body: (k, 3) discs that fill the robot, in cells.
-        closed: What `closed_links` gives; (0, 0, 0) where all are open. Motions through one have no room.
-        frame: Where the cells lie.
-        parts: Poses along a motion at which its room is looked up.
-        enough: Room in cells.
-        penalty: What lacking that room costs.
-    """
-    chosen, best = 0, np.inf
-    motion = np.empty((1, q.size))
-    for m in np.argsort(scores):
-        if scores[m] >= best:
-            break
-        motion[0] = candidates[m]
-        room = least_room(q, motion, distances, body, frame, parts)[0]
-        if closed.size and _crosses(q, candidates[m], closed, frame):
-            room = LEAST
-        total = scores[m] + penalty * max((enough - room) / enough, 0.0)
-        if total < best:
-            chosen, best = m, total
-    return chosen
 
 
 @njit(cache=True)
@@ -1037,27 +960,6 @@ def blocked_on_way(q: FloatArray, field: Field, closed: Links, frame: FloatArray
 
 
 @njit(cache=True)
-def add_effort(effort: Field, points: FloatArray, frame: FloatArray, reach: float, gain: float) -> None:
-    """Add gain exp(-(distance / reach)^2) at the poses around points (p, d), to (n, n, T), in place."""
-    n, turns = effort.shape[0], effort.shape[2]
-    cell, weight = frame[CELL], frame[WEIGHT]
-    wide = int(3.0 * reach / cell) + 1
-    for m in range(points.shape[0]):
-        gx, gy = (points[m, 0] - frame[ORIGIN_X]) / cell, (points[m, 1] - frame[ORIGIN_Y]) / cell
-        for r in range(max(int(gy) - wide, 0), min(int(gy) + wide + 2, n)):
-            for c in range(max(int(gx) - wide, 0), min(int(gx) + wide + 2, n)):
-                flat = ((c - gx) * cell) ** 2 + ((r - gy) * cell) ** 2
-                for t in range(turns):
-                    square = flat
-                    if turns > 1:
-                        turn = t / turns - points[m, 2] / (2.0 * math.pi)
-                        turn = weight * 2.0 * math.pi * (turn - math.floor(turn + 0.5))
-                        square += turn * turn
-                    if square < 9.0 * reach * reach:
-                        effort[r, c, t] += gain * math.exp(-square / (reach * reach))
-
-
-@njit(cache=True)
 def multiply_near(field: Field, q: FloatArray, frame: FloatArray, reach: float, factor: float) -> None:
     """Multiply (n, n, T) in place at the poses within ``reach`` (length) of q (d,), and at the nearest."""
     n, turns = field.shape[0], field.shape[2]
@@ -1099,17 +1001,3 @@ def crowding(
             if square < FAR * FAR * reach * reach:
                 out[m] += counts[p] * math.exp(-square / (reach * reach))
     return out
-
-
-@njit(cache=True)
-def tie(nodes: FloatArray, parents: Int32s, edges: FloatArray, first: int) -> None:
-    """Lower the way left of nodes, in column 0, to that of their parents and the edge to them, in place.
-
-    Args:
-        nodes: (>= n, c) the nodes, parents before children.
-        parents: (n,) int32 their parents.
-        edges: (n - first,) lengths of the edges to them.
-        first: The first node to look at; not the root.
-    """
-    for i in range(first, parents.size):
-        nodes[i, 0] = min(nodes[i, 0], nodes[parents[i], 0] + edges[i - first])

@@ -195,17 +195,6 @@ class PoseGrid:
         """How many motions have been checked for collision: those of links, and those to the goal."""
         return self.link_looks + len(fields.poses_near_goal(self.room.shape, frame, _NEAR_GOAL)[0])
 
-    def best_motion(
-        self, q: FloatArray, candidates: FloatArray, scores: FloatArray, enough: float, penalty: float
-    ) -> int:
-        """The candidate of the least score; each ``enough`` cells of room that it lacks cost ``penalty``."""
-        raster = (self.distances, self.body, self.closed, self.frame, _MOTION_PARTS)
-        return int(fields.best_motion(q, candidates, scores, *raster, enough, penalty))
-
-    def least_room(self, q: FloatArray, candidates: FloatArray) -> FloatArray:
-        """(m,) least room, in cells, along the motions from q to candidates (m, d)."""
-        return fields.least_room(q, candidates, self.distances, self.body, self.frame, _MOTION_PARTS)
-
 
 @dataclass(frozen=True, eq=False)
 class CostField:
@@ -341,7 +330,14 @@ class Wave:
 
     def __init__(self, *, cells: int = 56, headings: int = 16, blocked: float = 300.0) -> None:
         check_grid(cells, headings)
-        self._model = WaveModel(cells, headings, number("blocked", blocked, least=1))
+        self.model = WaveModel(cells, headings, number("blocked", blocked, least=1))
+
+    @classmethod
+    def of(cls, model: WaveModel) -> Wave:
+        """A wave that another model slows down and corrects."""
+        wave = cls.__new__(cls)
+        wave.model = model
+        return wave
 
     def begin(self, query: Query, rng: np.random.Generator, step: float) -> None:
         """Run the wave for a query; see `CostToGo`.
@@ -354,13 +350,13 @@ class Wave:
                 f"wave: expected a space of 2 or 3 dimensions, got {query.space.dimension} dimensions"
             )
         self._space = query.space
-        self._grid, self._field = self._model.solve_query(query.space, query.start, query.goal)
-        frame, logits = self._field.frame, self._model.free(self._grid)
+        self._grid, self._field = self.model.solve_query(query.space, query.start, query.goal)
+        frame, logits = self._field.frame, self.model.free(self._grid)
         self.looks = self._grid.looks(frame)
         self._free = logits > 0
         self._sources = self._grid.beginnings(frame)
         self._arrival = np.abs(self._field.values)
-        self._slowness = self._model.slowness(self._grid, logits)
+        self._slowness = self.model.slowness(self._grid, logits)
         self._effort = np.ones_like(self._slowness)  # how many times slower poses have become
         self._waiting = self._runs = 0  # raised since the last run, and runs since the beginning
         self._joined = self._join(query.start[None])  # of the nodes; spare rows included
@@ -418,7 +414,7 @@ class Wave:
         flat = self._grid.room.shape[2] == 1
         if self._waiting <= (0 if flat else self._runs // _RUNS_A_RAISE):
             return
-        frame, jump = self._field.frame, self._model.blocked * float(self._field.frame[fields.CELL])
+        frame, jump = self._field.frame, self.model.blocked * float(self._field.frame[fields.CELL])
         arrival = fields.wave(self._slowness, self._free, self._grid.closed, jump, *self._sources, frame)
         self._arrival = np.maximum(arrival, self._arrival)  # the wave's queue is a little untidy
         self._waiting, self._upheld = 0, 0

@@ -201,30 +201,6 @@ def test_look_up__is_periodic_in_the_heading() -> None:
     assert c == pytest.approx(d)
 
 
-def test_least_room__sees_what_lies_on_the_way() -> None:
-    distances = fields.signed_distances(square(0.48, 0.0, 0.52, 1.0), UNIT, frame_of(), N)
-    q, disc = np.array([0.3, 0.5]), np.array([[0.0, 0.0, 0.5]])
-    ends = np.array([[0.7, 0.5], [0.3, 0.9], [0.45, 0.5]])
-    across, along, up_to = fields.least_room(q, ends, distances, disc, frame_of(), 8)
-    assert across == pytest.approx(-0.02 * N - 0.5, abs=0.3)
-    assert along == pytest.approx(0.1 * N - 0.5, abs=0.1)
-    assert up_to == pytest.approx(0.03 * N - 0.5, abs=0.1)
-
-
-def test_least_room__turns_the_short_way_round() -> None:
-    distances = fields.signed_distances(square(0.0, 0.0, 0.35, 1.0), UNIT, frame_of(), N)
-    arm = np.array(
-        [[x, 0.0, 0.0] for x in np.linspace(0.0, 0.2, 9) * N]
-    )  # hits the wall where it points left
-    frame = frame_of(weight=0.1)
-    by_pi, by_zero = (
-        fields.least_room(np.array([0.5, 0.5, a]), np.array([[0.5, 0.5, b]]), distances, arm, frame, 8)[0]
-        for a, b in ((2.0, -2.0), (1.0, -1.0))
-    )
-    assert by_pi == pytest.approx(-0.05 * N, abs=0.1)
-    assert by_zero == pytest.approx(0.15 * N, abs=0.1)
-
-
 def walled_field(gap: slice, turns: int = 1) -> np.ndarray:
     """The way to the right end of a grid, blocked in column 15 but for a gap in it."""
     free = np.ones((N, N, turns), bool)
@@ -258,44 +234,6 @@ def test_blocked_on_way__counts_a_way_that_the_wave_has_not_come() -> None:
     field = np.full((N, N, 1), 9.0, np.float32)
     assert fields.blocked_on_way(np.array([0.1, 0.5]), field, OPEN, frame) == 1
     assert fields.blocked_on_way(np.array([0.9, 0.5]), field, OPEN, frame) == 0
-
-
-def test_add_effort__is_the_gain_at_a_point_and_nothing_far_off() -> None:
-    frame = frame_of(weight=0.1)
-    point = np.array([[frame[0] + 10 * frame[2], frame[1] + 20 * frame[2], math.pi]])
-    effort = np.ones((N, N, 16), np.float32)
-    reach = 2 * frame[2]
-    fields.add_effort(effort, point, frame, reach, 10.0)
-    assert effort[20, 10, 8] == pytest.approx(11.0)
-    assert effort[20, 12, 8] == pytest.approx(1 + 10 / math.e)
-    assert effort[20, 8, 8] == pytest.approx(effort[18, 10, 8]) == pytest.approx(effort[20, 12, 8])
-    assert effort[20, 10, 8 + 2] == pytest.approx(1 + 10 * math.exp(-((0.1 * math.pi / 4 / reach) ** 2)))
-    rows, columns = np.nonzero((effort > 1).any(axis=-1))
-    assert np.hypot(rows - 20, columns - 10).max() < 6.0
-    assert (effort >= 1).all()
-
-
-def test_add_effort__is_periodic_in_the_heading_and_adds_up() -> None:
-    frame = frame_of(weight=0.1)
-    efforts = []
-    for theta in (-math.pi, math.pi):
-        effort = np.zeros((N, N, 8), np.float32)
-        fields.add_effort(effort, np.array([[0.5, 0.5, theta]] * 2), frame, 0.1, 1.0)
-        efforts.append(effort)
-    assert np.allclose(efforts[0], efforts[1])
-    assert np.allclose(efforts[0][..., 3], efforts[0][..., 5])
-    assert efforts[0][N // 2, N // 2, 4] == pytest.approx(2.0, rel=0.06)
-
-
-def test_add_effort__at_the_rim_and_for_a_robot_that_cannot_turn() -> None:
-    effort = np.ones((N, N, 1), np.float32)
-    fields.add_effort(effort, np.array([[0.0, 0.0], [1.0, 1.0], [7.0, -3.0]]), frame_of(), 0.05, 5.0)
-    assert (
-        effort[0, 0, 0]
-        == pytest.approx(effort[-1, -1, 0])
-        == pytest.approx(1 + 5 * math.exp(-2 * (0.5 / N / 0.05) ** 2))
-    )
-    assert effort[N // 2, N // 2, 0] == effort[0, -1, 0] == 1.0
 
 
 def test_crowding__is_one_at_a_point_and_nothing_far_off() -> None:

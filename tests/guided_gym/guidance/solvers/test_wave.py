@@ -338,7 +338,6 @@ def test_wave__a_failure_at_a_state_slows_the_nearest_pose() -> None:
     assert solver(q)[0] > before[0] + 0.1
 
 
-
 def test_wave__in_three_dimensions_runs_again_less_often_the_more_it_has() -> None:
     asked = query()
     solver = begun(asked, cells=16, headings=8)
