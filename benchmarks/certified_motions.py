@@ -1,6 +1,7 @@
 """Certified motions against a dense reference: wrongly free, needlessly refused, missed by sampling.
 
     python benchmarks/certified_motions.py --motions 1000000 --json certified_motions.json
+    python benchmarks/certified_motions.py --motions 1000000 --large
 
 Half of the motions run through workspaces like the paper's problems, half through random polygon clutter. All
 start at a valid pose, half of them close to an obstacle, and reach up to 20 % of the workspace's side. The
@@ -98,6 +99,26 @@ def clutter(rng: np.random.Generator) -> Environment:
     return Environment(BOUNDS, tuple(polygons))
 
 
+def large(rng: np.random.Generator) -> Environment:
+    """Three thousand obstacles in a hundred times the area: stars, needles and long thin walls."""
+    shapes = []
+    for _ in range(3000):
+        centre, kind = rng.uniform(0, 10 * SIDE, 2), rng.random()
+        n = 3 if kind < 0.1 else int(rng.integers(3, 10))
+        angles = 2 * math.pi * (np.arange(n) + rng.uniform(0.05, 0.95, n)) / n
+        radii = rng.uniform(0.15, 0.9) * rng.uniform(0.35, 1.0, n)
+        ring = radii[:, None] * np.column_stack((np.cos(angles), np.sin(angles)))
+        if kind < 0.1:  # squeezed to a needle, and turned
+            ring, turn = ring * [1.0, 10.0 ** rng.uniform(-4, -1)], rng.uniform(0, 2 * math.pi)
+            ring = ring @ [[math.cos(turn), math.sin(turn)], [-math.sin(turn), math.cos(turn)]]
+        elif kind < 0.12:
+            ring = np.array([(-1, -1), (1, -1), (1, 1), (-1, 1)]) * rng.permutation([rng.uniform(2, 8), 0.02])
+        shapes.append(shapely.Polygon(centre + ring))
+    bounds = (0.0, 0.0, 10 * SIDE, 10 * SIDE)
+    inside = shapely.box(*bounds)
+    return Environment(bounds, tuple(s for s in shapes if s.is_valid and s.intersects(inside)))
+
+
 L_SHAPE = [(-0.2, -0.2), (0.8, -0.2), (0.8, 0.1), (0.1, 0.1), (0.1, 0.8), (-0.2, 0.8)]
 RECTANGLE = rectangle_robot()
 
@@ -110,6 +131,13 @@ SCENES: dict[str, Scene] = {
     "clutter, point": (Robot.point(), clutter, 1 / 8),
 }
 """Robot, workspace and share of the motions."""
+LARGE: dict[str, Scene] = {
+    "large, rectangle": (RECTANGLE, large, 1 / 4),
+    "large, L": (Robot.polygon(L_SHAPE), large, 1 / 4),
+    "large, segment": (Robot.segment(1.0), large, 1 / 4),
+    "large, point": (Robot.point(), large, 1 / 4),
+}
+"""The same in large worlds."""
 
 
 def _valid_poses(space: ConfigurationSpace, rng: np.random.Generator, n: int, near: float) -> FloatArray:
@@ -229,25 +257,25 @@ def check_reference(
     return Tally(reference_poses=n, reference_disagreements_with_shapely=wrong)
 
 
-def chunks(motions: int) -> Iterator[tuple[str, int, int]]:
+def chunks(scenes: dict[str, Scene], motions: int) -> Iterator[tuple[str, int, int]]:
     """(scene, seed, motions) of each chunk; each chunk has a workspace of its own."""
-    for name, (_, _, share) in SCENES.items():
+    for name, (_, _, share) in scenes.items():
         left = math.ceil(motions * share)
         for seed in range(math.ceil(left / CHUNK)):
             yield name, seed, min(CHUNK, left - seed * CHUNK)
 
 
-def run(motions: int, seed: int, console: Console) -> dict[str, Tally]:
+def run(scenes: dict[str, Scene], motions: int, seed: int, console: Console) -> dict[str, Tally]:
     """Judge all scenes."""
-    tallies = {name: Tally() for name in SCENES}
+    tallies = {name: Tally() for name in scenes}
     for robot, build, _ in (SCENES["Cup, rectangle"], SCENES["clutter, point"]):  # compile before timing
         rng = np.random.default_rng(seed)
         space = ConfigurationSpace(robot, build(rng))
         judge_motions(space, dense_reference.scene_of(robot, space.environment), rng, 2)
     with Progress(console=console) as progress:
         task = progress.add_task("motions", total=motions)
-        for number, (name, chunk, n) in enumerate(chunks(motions)):
-            robot, build, _ = SCENES[name]
+        for number, (name, chunk, n) in enumerate(chunks(scenes, motions)):
+            robot, build, _ = scenes[name]
             rng = np.random.default_rng([seed, number, chunk])
             space = ConfigurationSpace(robot, build(rng))
             scene = dense_reference.scene_of(robot, space.environment)
@@ -287,12 +315,13 @@ def table(tallies: dict[str, Tally]) -> Table:
 def main() -> int:
     parser = argparse.ArgumentParser(description=(__doc__ or "").split("\n")[0])
     parser.add_argument("--motions", type=int, default=1_000_000)
+    parser.add_argument("--large", action="store_true", help="large worlds only, of some 4,000 pieces")
     parser.add_argument("--seed", type=int, default=0)
     parser.add_argument("--json", type=Path, default=None, help="where to write the counts")
     arguments = parser.parse_args()
     console = Console()
     began = time.perf_counter()
-    tallies = run(arguments.motions, arguments.seed, console)
+    tallies = run(LARGE if arguments.large else SCENES, arguments.motions, arguments.seed, console)
     total = Tally()
     for tally in tallies.values():
         total.add(tally)

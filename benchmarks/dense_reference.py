@@ -130,6 +130,25 @@ def pose_collides(q, scene):
 
 
 @njit(cache=True)
+def _near(corners, starts, xmin, ymin, xmax, ymax, radius):
+    """The obstacles whose bounding box comes within twice the robot's radius of the motion's."""
+    reach = 2.0 * radius + 1e-6 * (xmax - xmin + ymax - ymin)
+    near = np.empty(starts.shape[0] - 1, dtype=np.int64)
+    n = 0
+    for p in range(starts.shape[0] - 1):
+        ring = corners[starts[p] : starts[p + 1]]
+        if (
+            ring[:, 0].min() <= xmax + reach
+            and ring[:, 0].max() >= xmin - reach
+            and ring[:, 1].min() <= ymax + reach
+            and ring[:, 1].max() >= ymin - reach
+        ):
+            near[n] = p
+            n += 1
+    return near[:n]
+
+
+@njit(cache=True)
 def motion_collides(a, b, step, scene, low=0.0, high=1.0):
     """First colliding fraction found on the straight motion a -> b within [low, high], or -1.0."""
     bounds, outline, corners, starts = scene
@@ -146,6 +165,7 @@ def motion_collides(a, b, step, scene, low=0.0, high=1.0):
             turn -= 2.0 * math.pi * np.rint(turn / (2.0 * math.pi))
     dx, dy = b[0] - a[0], b[1] - a[1]
     length = math.hypot(dx, dy)
+    near = _near(corners, starts, min(a[0], b[0]), min(a[1], b[1]), max(a[0], b[0]), max(a[1], b[1]), radius)
     count = math.ceil((high - low) * (length + radius * abs(turn)) / step) + 1
     for k in range(count + 1):
         t = low + (high - low) * k / count
@@ -153,7 +173,7 @@ def motion_collides(a, b, step, scene, low=0.0, high=1.0):
         _place(outline, placed, x, y, theta + t * turn)
         if _leaves(placed, bounds):
             return t
-        for p in range(n_obstacles):
+        for p in near:
             if k < free_until[p]:
                 continue
             gap = _distance(corners, starts[p], starts[p + 1], x, y) - radius

@@ -72,8 +72,8 @@ class Environment:
 
     @cached_property
     def obstacle_union(self) -> shapely.Polygon | shapely.MultiPolygon:
-        """The union of the obstacles."""
-        return shapely.union_all(self.obstacles)
+        """The union of the obstacles; an empty MultiPolygon, whose distances are NaN, if there are none."""
+        return shapely.union_all(self.obstacles) if self.obstacles else shapely.MultiPolygon()
 
     @cached_property
     def free_space(self) -> shapely.Polygon | shapely.MultiPolygon:
@@ -116,11 +116,18 @@ class Environment:
             raise InvalidInputError(f"a raster needs at least one cell a side, got {n!r}")
         xmin, ymin, xmax, ymax = self.bounds
         centres = (np.arange(n) + 0.5) / n
-        x, y = np.meshgrid(xmin + centres * (xmax - xmin), ymin + centres * (ymax - ymin))
+        x, y = xmin + centres * (xmax - xmin), ymin + centres * (ymax - ymin)
         occupied = np.zeros((n, n), dtype=np.uint8)
-        for obstacle in self.obstacles:
-            shapely.prepare(obstacle)
-            occupied |= shapely.intersects_xy(obstacle, x, y).astype(np.uint8)
+        boxes = shapely.bounds(np.array(self.obstacles, dtype=object)).reshape(-1, 4)
+        lefts, rights = np.searchsorted(x, boxes[:, 0]), np.searchsorted(x, boxes[:, 2], side="right")
+        bottoms, tops = np.searchsorted(y, boxes[:, 1]), np.searchsorted(y, boxes[:, 3], side="right")
+        for obstacle, left, right, bottom, top in zip(
+            self.obstacles, lefts, rights, bottoms, tops, strict=True
+        ):
+            if left < right and bottom < top:
+                shapely.prepare(obstacle)
+                here = shapely.intersects_xy(obstacle, *np.meshgrid(x[left:right], y[bottom:top]))
+                occupied[bottom:top, left:right] |= here.astype(np.uint8)
         return occupied
 
 

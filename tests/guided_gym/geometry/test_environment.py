@@ -41,6 +41,26 @@ def test_raster_row_is_y_from_the_bottom_column_is_x(room):
     np.testing.assert_array_equal(raster, expected)
 
 
+def test_raster_is_each_cell_asked_alone():
+    rng = np.random.default_rng(0)
+    discs = [
+        shapely.Point(*p).buffer(r)
+        for p, r in zip(rng.uniform(0, 4, (12, 2)), rng.uniform(0.01, 0.5, 12), strict=True)
+    ]
+    inside = [d for d in discs if d.intersects(shapely.box(*BOUNDS))]
+    room = Environment(BOUNDS, (*inside, shapely.box(0.25, 0.25, 0.75, 0.75), shapely.box(3.9, -1, 9, 0.125)))
+    raster = room.raster(16)
+    for row, column in np.ndindex(16, 16):
+        centre = shapely.Point((column + 0.5) / 4, (row + 0.5) / 8)
+        assert raster[row, column] == room.obstacle_union.intersects(centre)
+    assert 20 < raster.sum() < 200
+
+
+def test_the_union_of_no_obstacles_is_empty_and_of_the_type_that_unions_have():
+    assert Environment(BOUNDS).obstacle_union.equals(shapely.MultiPolygon())
+    assert Environment(BOUNDS).obstacle_union.geom_type == "MultiPolygon"
+
+
 def test_clearance_against_shapely(room):
     points = np.random.default_rng(0).uniform((0, 0), (4, 2), (5, 40, 2))
     edges = room.free_space.boundary
