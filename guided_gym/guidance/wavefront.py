@@ -204,6 +204,7 @@ class Wavefront(GuidingSpace):
         states[:, 0] = np.maximum(states[:, 0], self._nodes[node, 0] - lengths)
         scores = self.heuristic(states) + 0.5 * lengths
         penalty = step / (1 + tree.nodes.children[node])  # what was safe has not helped: dare more
+        self.search.looks += len(candidates)  # motions, followed through the raster
         best = self._grid.best_motion(q, candidates, scores, _ENOUGH_ROOM, penalty)
         return np.asarray(candidates[best])
 

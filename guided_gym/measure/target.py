@@ -309,3 +309,51 @@ class Measure:
             q = target(delta, self._tau[:n], self.optimum, self.parameters)
             return max(0.0, -float(np.log(q[node]))), -float(np.log(q.max()))
         return softmin_choice(self._energy, n, node, self.parameters.epsilon)
+
+    def expansion(
+        self, node: int, children: NDArray[np.float64], chosen: int, size: int | None = None
+    ) -> tuple[float, float]:
+        """SE of expanding a node by one of several children: they are added to the tree, and each is judged.
+
+        The paper's way to evaluate node expansion (paper, Evaluation metric). A child that no free motion
+        reaches has what the smoothing gives it.
+
+        Args:
+            node: The node that was selected.
+            children: (k, d) members of N_C(node).
+            chosen: Row of the child that the guidance chose.
+            size: Number of nodes when it was chosen, if the tree has grown since (and was not rewired).
+
+        Returns:
+            -log Q of the chosen child, and -log max Q over the children, in nats.
+
+        Raises:
+            InvalidInputError: No such node or child, or there have never been so many nodes.
+        """
+        self._update()
+        n = self._n if size is None else size
+        if not (0 <= node < n <= self._n and 0 <= chosen < len(children)):
+            raise InvalidInputError(
+                f"expected a node of {n} and a child of {len(children)}, got {node!r} and {chosen!r}"
+            )
+        tree = self._tree
+        q = tree.nodes.configurations[node]
+        lengths = np.asarray(tree.space.distance(children, q))
+        free = tree.space.motions_free(np.broadcast_to(q, children.shape), children)
+        tau = np.minimum(self.oracle.cost_to_go(children), self._tau[node] + lengths)
+        tau[~free] = np.inf
+        cost = float(tree.nodes.costs[node]) + lengths
+        delta = suboptimality(cost, tau, self.optimum)
+        if self.parameters.normalisation == "tree":
+            own = suboptimality(tree.cost_to_come[:n], self._tau[:n], self.optimum)
+            both = np.concatenate([own, delta]), np.concatenate([self._tau[:n], tau])
+            q_children = target(*both, self.optimum, self.parameters)[n:]
+            with np.errstate(divide="ignore"):
+                return -float(np.log(q_children[chosen])), -float(np.log(q_children.max()))
+        p = self.parameters
+        energy = np.concatenate([self._energy[:n], (delta / p.delta + tau / p.tau) / self._scale])
+        best = n + int(np.argmin(energy[n:]))
+        return (
+            softmin_choice(energy, energy.size, n + chosen, p.epsilon)[0],
+            softmin_choice(energy, energy.size, best, p.epsilon)[0],
+        )
