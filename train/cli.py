@@ -128,9 +128,14 @@ def evaluate(
         float | None, typer.Option(help="Radius of an expansion; 5 % of the workspace's diagonal by default.")
     ] = None,
     candidates: Annotated[int, typer.Option(help="Candidates that a guided expansion looks at.")] = 16,
+    protocol: Annotated[
+        str,
+        typer.Option(help="What is compared: whole; selection (expansion in common); expansion (selection)."),
+    ] = "whole",
     expansion: Annotated[
         str | None, typer.Option(help="Who proposes expansions: uniform or a guidance; itself by default.")
     ] = None,
+    rewire: Annotated[bool, typer.Option("--rewire", help="Rewire the tree as it grows, like RRT*.")] = False,
     goal_tolerance: Annotated[
         float | None,
         typer.Option(help="Distance at which the goal counts as reached; what the problem says by default."),
@@ -145,6 +150,9 @@ def evaluate(
     epsilon: Annotated[float, typer.Option(help="Least probability of a node under the target.")] = 1e-4,
     delta: Annotated[float, typer.Option(help="Temperature of the suboptimality.")] = 0.1,
     tau: Annotated[float, typer.Option(help="Temperature of the work remaining.")] = 0.1,
+    normalisation: Annotated[
+        str, typer.Option(help="What both are divided by: start, the optimum; tree, their largest values.")
+    ] = "start",
     distributions: Annotated[
         bool, typer.Option("--distributions", help="Measure each guidance's whole distribution too (slow).")
     ] = False,
@@ -163,12 +171,14 @@ def evaluate(
         step=step,
         candidates=candidates,
         goal_tolerance=goal_tolerance,
-        target=TargetParameters(delta, tau, epsilon),
+        rewire=rewire,
+        target=TargetParameters(delta, tau, epsilon, normalisation),
         distributions=distributions,
         goal_edge=goal_edge,
+        protocol=protocol,
     )
     names, guidances = words("env", env), words("guidance", guidance)
-    folder = out or Path("results") / "+".join(names)
+    folder = out or Path("results") / ("+".join(names) + ("" if protocol == "whole" else f"-{protocol}"))
     with progress_bar(f"Evaluating on {', '.join(names)}", folder) as progress:
         results = run(
             names, guidances, seeds=seeds, workers=workers, out=folder, settings=settings,
@@ -265,12 +275,14 @@ def _report(
     """Print the table and write it, then draw the figures."""
     from guided_gym.train.evaluation import Plan, as_specs
     from guided_gym.train.results import RESULTS_FILE
-    from guided_gym.train.table import rich_tables, save, summarise
+    from guided_gym.train.table import rich_tables, save, summarise, verdicts
 
     screen = console()
     rows = summarise(results)
     for table in rich_tables(rows):
         screen.print(table)
+    for line in verdicts(results):
+        screen.print(line, markup=False)
     written = [folder / RESULTS_FILE, *save(rows, folder)]
     if figures:
         from guided_gym.train.drawing import draw_evaluation

@@ -231,7 +231,7 @@ def _pose_first(plans: Sequence[Plan], seeds: Sequence[int]) -> None:
 
 
 def _first_that_works(plan: Plan, seeds: Sequence[int]) -> int | GuidedGymError:
-    """The first seed whose problem can be posed and has a path; if there is none, what the first one lacks."""
+    """The first seed whose problem can be posed and has a path; if there is none, what the first lacks."""
     from guided_gym.catalogue.table import make_distribution
 
     settings, distribution = plan.settings, make_distribution(plan.environment)

@@ -69,7 +69,7 @@ def search_once(
 def expansion_efficiency(
     result: SearchResult, seed: int, children: int = CHILDREN
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """SE of each expansion of a search, and the least that any of the sampled children has, in nats; (m,) each.
+    """(m,) SE of each expansion of a search, and (m,) the least that a sampled child has, in nats.
 
     Args:
         result: The search.
