@@ -226,7 +226,6 @@ class Comparison:
             if not self._real(paired_difference(scores[guidance], scores[leader]))
         ]
 
-
     def verdict(self, measure: Measure) -> str:
         """Who is best, and whether the next one's difference is real, in one line."""
         order, scores = self.ranked(measure), self.scores(measure)
