@@ -187,6 +187,36 @@ def evaluate(
     _report(results, folder, figures, names, guidances, settings, database)
 
 
+@app.command("single-step")
+def single_step(
+    env: Annotated[str, typer.Option(help="The environment (see `guided-gym list`).")],
+    guidance: Annotated[str, typer.Option(help="Guidances that are judged, as for evaluate.")],
+    harvest: Annotated[
+        str, typer.Option("--from", help="Guidances that grow the trees; those that are judged by default.")
+    ] = "",
+    seeds: Seeds = 32,
+    moments: Annotated[int, typer.Option(help="Trees that are taken of each search.")] = 4,
+    workers: Workers = 2,
+    max_samples: Annotated[int, typer.Option(help="Samples after which a search gives up.")] = 1000,
+    out: Annotated[Path | None, typer.Option(help="Folder for the table as CSV and JSON.")] = None,
+    imports: Imports = None,
+) -> None:
+    """Judge how guidances select on the same trees, harvested from searches."""
+    from guided_gym.train.single_step import record, single_step_table
+    from guided_gym.train.single_step import single_step as run
+    from guided_gym.train.specs import EvaluationSettings, words
+    from guided_gym.train.table import save_records
+
+    rows = run(
+        env, words("guidance", guidance), harvesters=words("from", harvest), seeds=seeds, moments=moments,
+        workers=workers, settings=EvaluationSettings(max_samples=max_samples), imports=imports or (),
+    )  # fmt: skip
+    console().print(single_step_table(rows, env))
+    if out is not None:
+        out.mkdir(parents=True, exist_ok=True)
+        _name_files(console(), out, save_records([record(row) for row in rows], out, "single-step"))
+
+
 @app.command()
 def reproduce(
     seeds: Seeds = 128,

@@ -469,7 +469,8 @@ def _row(run: Run) -> tuple[Any, ...]:
     values |= {name: None for name in _MAY_BE_NAN if math.isnan(values[name])}  # SQLite has no NaN
     values["regions"] = json.dumps({name: list(pair) for name, pair in run.regions.items()})
     values |= {name: getattr(run, name).astype(stored).tobytes() for name, (stored, _) in _ARRAYS.items()}
-    row = tuple(values.values())
+    # SQLite gives -0.0 back as 0.0, which has another checksum.
+    row = tuple(value + 0.0 if isinstance(value, float) else value for value in values.values())
     return (*row, _checksum(row))
 
 

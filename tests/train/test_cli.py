@@ -30,7 +30,7 @@ def invoke(*arguments: object) -> tuple[int, str, str]:
 def test_help__names_every_command() -> None:
     code, out, _ = invoke("--help")
     assert code == 0
-    for command in ("list", "evaluate", "reproduce", "database", "doctor", "--version"):
+    for command in ("list", "evaluate", "single-step", "reproduce", "database", "doctor", "--version"):
         assert command in out
 
 
@@ -108,6 +108,16 @@ def test_evaluate__by_a_protocol_rewired_and_normalised_by_the_tree(tmp_path: Pa
     assert (settings["protocol"], settings["rewire"]) == ("selection", True)
     assert settings["target"]["normalisation"] == "tree"
     assert invoke(*COMMAND, "--guidance", "rrt", "--protocol", "expansion", "--no-figures")[0] == 0
+
+
+def test_single_step__prints_and_writes(tmp_path: Path) -> None:
+    command = ["single-step", "--env", "Cup", "--guidance", "rrt,oracle", "--from", "uninformed"]
+    options = ["--seeds", 2, "--workers", 1, "--max-samples", 40, "--out", tmp_path]
+    code, out, _ = invoke(*command, *options)
+    assert code == 0
+    assert "single steps on 8 trees of 2 seeds" in out
+    rows = json.loads((tmp_path / "single-step.json").read_text())
+    assert [row["guidance"] for row in rows] == ["rrt", "oracle"]
 
 
 def test_help__names_the_extra() -> None:

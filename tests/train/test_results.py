@@ -31,6 +31,12 @@ def test_file__gives_back_what_was_added(tmp_path: Path, make_run: MakeRun) -> N
     assert stored[0].efficiency_per_sample == pytest.approx(run.total_efficiency / 3)
 
 
+def test_file__takes_minus_zero(make_run: MakeRun) -> None:
+    with ResultsFile(None) as file:
+        file.add([make_run(entropy=-0.0, total_efficiency=-0.0, processor=-0.0)])
+        assert file.runs("Cup", "rrt", "s", [0])[0].entropy == 0.0
+
+
 def test_file__keeps_the_first_of_two_equal_keys(make_run: MakeRun) -> None:
     with ResultsFile(None) as file:
         file.add([make_run(seconds=1.0)])
