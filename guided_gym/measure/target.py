@@ -121,7 +121,8 @@ def sampling_efficiency(p: ArrayLike, q: ArrayLike) -> float:
         InvalidInputError: One is no distribution, or the two are over different numbers of nodes.
     """
     p, q = _paired(p, q)
-    return max(_divergence(p, np.log(q, out=np.full(q.size, -np.inf), where=q > 0)), 0.0)
+    log_q = np.log(q, out=np.full(q.size, -np.inf), where=q > 0)
+    return max(_divergence(p, log_q), 0.0) + 0.0  # never -0.0
 
 
 def _divergence(p: NDArray[np.float64], log_q: NDArray[np.float64]) -> float:
@@ -155,7 +156,7 @@ def choice_efficiency(q: ArrayLike, node: int) -> float:
     if not 0 <= q[node] <= 1 + SUM_TOLERANCE:
         raise InvalidInputError(f"Q: expected a probability of node {node}, got {q[node]}")
     with np.errstate(divide="ignore"):
-        return max(float(-np.log(q[node])), 0.0)
+        return max(float(-np.log(q[node])), 0.0) + 0.0  # never -0.0
 
 
 def jensen_shannon(p: ArrayLike, q: ArrayLike) -> float:
@@ -196,7 +197,7 @@ def entropy(samples: ArrayLike, bins: int, bounds: ArrayLike) -> float:
     cells = ((samples - bounds[:, 0]) / (bounds[:, 1] - bounds[:, 0]) * bins).astype(np.int64)
     _, counts = np.unique(np.minimum(cells, bins - 1), axis=0, return_counts=True)
     p = counts / counts.sum()
-    return max(float(-np.sum(p * np.log(p))), 0.0)
+    return max(float(-np.sum(p * np.log(p))), 0.0) + 0.0  # never -0.0
 
 
 def padded(values: NDArray[np.float64], length: int) -> NDArray[np.float64]:
