@@ -116,6 +116,7 @@ _HOMES: dict[str, tuple[str, ...]] = {
     "train.paths": ("build_path_database",),
     "train.reproduction": ("reproduce",),
     "train.results": ("Results", "Run"),
+    "train.single_step": ("single_step",),
     "train.specs": ("EvaluationSettings", "GuidanceSpec"),
     "train.table": ("summarise",),
 }
@@ -196,6 +197,7 @@ __all__ = [
     "sampling_efficiency",
     "streams",
     "suboptimality",
+    "single_step",
     "summarise",
     "target",
     "valid_nodes",

@@ -184,7 +184,7 @@ def _comparable_claims() -> Iterator[Claim]:
         partial(alike, pairs),
         words,
         "The two differ from rrt on Cup, from the first samples on: lazy_prm ignores the cup's walls and "
-        "walks into it (rrt is better), and the skeleton of medial_axis knows the way around it (rrt is worse).",
+        "walks into it (rrt is better), and medial_axis' skeleton knows the way around it (rrt is worse).",
     )
     astray = tuple(
         ((problem, "rrt"), (problem, guidance))

@@ -177,7 +177,7 @@ def claims_markdown(claims: list[ClaimResult], title: str) -> str:
         f"| {each.outcome.figures}{f' *Why:* {each.why}' if each.why else ''} | {each.verdict} |"
         for each in claims
     ]
-    head = [f"## {title}: {_count(claims)}", "", HOW, "", "| claim | figures | verdict |", "|---|---|---|"]
+    head = [f"### {title}: {_count(claims)}", "", HOW, "", "| claim | figures | verdict |", "|---|---|---|"]
     return "\n".join([*head, *rows, ""])
 
 

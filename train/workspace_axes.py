@@ -74,9 +74,10 @@ def draw_robot(axes: Axes, problem: Problem, q: FloatArray, colour: str, *, fill
     axes.add_patch(patch)
 
 
-def _mixed(colour: str, share: float) -> tuple[float, ...]:
+def _mixed(colour: str, share: float) -> tuple[float, float, float]:
     """The colour mixed with white."""
-    return tuple(1.0 - share * (1.0 - channel) for channel in to_rgb(colour))
+    red, green, blue = (1.0 - share * (1.0 - channel) for channel in to_rgb(colour))
+    return red, green, blue
 
 
 def _shades(colour: str, first: float, last: float) -> LinearSegmentedColormap:
