@@ -24,7 +24,7 @@ EFFICIENCY_LABEL = "sampling efficiency (nats)"
 RESAMPLES = 1000
 _SPREAD: Final = 4.0  # the longest search over the shortest guidance's, from which on an axis is logarithmic
 _DOTTED: Final[Any] = {"linestyle": (0, (1, 1)), "linewidth": 0.9}
-_FEWEST: Final = 3  # searches that a mean over those still searching is drawn for
+_FEWEST: Final = 5  # searches that a mean over those still searching is drawn for
 
 
 @dataclass(frozen=True)
@@ -99,8 +99,8 @@ def _checked(series: Mapping[str, FloatArray], window: int) -> dict[str, FloatAr
 
 
 def _label(window: int) -> str:
-    smoothed = "" if window == 1 else f", mean of {window} samples"
-    return f"{EFFICIENCY_LABEL}{smoothed};\n0 once a search has ended"
+    smoothed = "" if window == 1 else f"mean of {window} samples, "
+    return f"{EFFICIENCY_LABEL},\n{smoothed}0 once a search has ended"
 
 
 def _draw_curves(axes: Axes, arrays: Mapping[str, FloatArray], looks: Looks, window: int) -> None:
@@ -213,8 +213,7 @@ def search_progress(
     ends = [int(max(one.samples.max(), 2)) for one in series.values()]
     for axes in (whole, surviving, solved):
         _sample_axis(axes, ends)
-    handles, names = whole.get_legend_handles_labels()
-    figure.legend(handles, names, loc="outside lower center", ncols=min(len(names), 6))
+    _legend_below(figure, whole)
     figure.suptitle(title or "", fontsize=8.5)
     return figure
 
@@ -306,10 +305,17 @@ def quality_over_cost(costs: Mapping[str, Cost], *, title: str | None = None) ->
     right.yaxis.set_major_locator(LogLocator(subs=(1.0, 3.0)))
     right.yaxis.set_major_formatter(StrMethodFormatter("{x:,g}"))
     right.yaxis.set_minor_formatter(NullFormatter())
-    handles, names = left.get_legend_handles_labels()
-    figure.legend(handles, names, loc="outside lower center", ncols=min(len(names), 6))
+    _legend_below(figure, left)
     figure.suptitle(title or "", fontsize=8.5)
     return figure
+
+
+def _legend_below(figure: Figure, axes: Axes) -> None:
+    """The legend of some axes below the figure, in as many columns as its longest label leaves room for."""
+    handles, names = axes.get_legend_handles_labels()
+    column = 0.55 + 0.06 * max(map(len, names))  # inches: a handle, and characters of 7 points
+    columns = max(1, min(len(names), int(figure.get_figwidth() / column)))
+    figure.legend(handles, names, loc="outside lower center", ncols=columns)
 
 
 _MARKERS: Final = ("o", "s", "^", "D", "v", "P", "X", "<", ">", "p")

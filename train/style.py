@@ -92,7 +92,7 @@ _DASHES: Final[tuple[Any, ...]] = (
     (0, (8, 1.5, 3, 1.5)),
 )
 MANY_LINES: Final = 5
-_SPARE: Final = ("#AA4499", "#44AA99", "#332288", "#999933", "#661100")
+_SPARE: Final = ("#AA4499", "#44AA99", "#332288", "#999933", "#661100", "#DDAA33", "#BB5566", "#004488")
 
 
 class Looks:

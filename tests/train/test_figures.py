@@ -217,16 +217,15 @@ def progress_of(samples: list[int], solved: list[bool], limit: int = 20, se: flo
 
 
 def test_search_progress__counts_zeros_survivors_and_the_solved():
-    one = progress_of([4, 8, 8, 20], [True, True, True, False])
+    one = progress_of([4, 8, 8, 8, 8, 20], [True, True, True, True, True, False])
     figure = figures.search_progress({"rrt": one}, ceiling=9.2)
     whole, surviving, solved = figure.axes
-    assert whole.lines[0].get_ydata()[5] == pytest.approx(2.0 * 3 / 4)  # one has ended, and counts as 0
+    assert whole.lines[0].get_ydata()[5] == pytest.approx(2.0 * 5 / 6)  # one has ended, and counts as 0
     assert np.allclose(surviving.lines[0].get_ydata(), 2.0)  # whoever is left has 2
-    assert len(surviving.lines[0].get_ydata()) == 8  # one search alone is no mean
+    assert len(surviving.lines[0].get_ydata()) == 8  # one search alone is no mean; five are
     x, y = solved.lines[0].get_data()
-    assert (np.asarray(x).tolist(), np.asarray(y).tolist()) == (
-        [0, 4, 8, 8, 20], [0, 0.25, 0.5, 0.75, 0.75]
-    )  # fmt: skip
+    assert np.asarray(x).tolist() == [0, 4, 8, 8, 8, 8, 20]
+    assert np.asarray(y) * 6 == pytest.approx([0, 1, 2, 3, 4, 5, 5])
     assert "0 once ended" in whole.get_title()
     said = {text.get_text() for text in figure.legends[0].get_texts()}
     assert {"best possible", "ceiling, log 1/ε"} <= said
@@ -247,6 +246,18 @@ def test_quality_over_cost__marks_what_was_not_solved():
     assert hollow.get_markerfacecolor() == "white" != filled.get_markerfacecolor()
     with pytest.raises(InvalidInputError, match="at least one"):
         figures.quality_over_cost({})
+
+
+def test_legends_below__show_every_name():
+    known = Interval(3.0, 2.5, 3.75), Interval(2.0, 1.5, 2.5)
+    names = ["rrt", "oracle", *(f"path_database({size})" for size in (10, 30, 100, 300, 1000, 3000))]
+    figure = figures.quality_over_cost({name: figures.Cost(known, known, 3) for name in names})
+    figure.canvas.draw()
+    box = figure.legends[0].get_window_extent()
+    assert box.x0 >= 0
+    assert box.x1 <= figure.bbox.x1
+    looks = Looks(names)
+    assert len({looks.colour(name) for name in names}) == len(names)
 
 
 def test_looks__tell_five_lines_apart_without_colours():
