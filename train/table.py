@@ -263,7 +263,7 @@ def _has_distributions(results: Results) -> bool:
 _PARTS = {
     "quality": "SE in nats, lower is better; 95 % intervals over seeds below. * nobody is known to be better "
     "(paired seeds, 95 %). ≥ some searches were not solved; in comparisons each counts as the worst.",
-    "cost": "Looks: what the guidance itself checked as it searched, or looked up in a raster.",
+    "cost": "Looks: what the guidance itself checked for collision, or looked up in a raster.",
 }
 
 

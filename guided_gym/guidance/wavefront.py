@@ -11,7 +11,6 @@ from guided_gym.checks import integer, number
 from guided_gym.guidance.base import GuidingSpace, draw
 from guided_gym.guidance.solvers.wave import Field, WaveModel, check_grid
 from guided_gym.kernels import fields
-from guided_gym.options import TargetParameters
 from guided_gym.structures.nearest import GrowingIndex
 
 if TYPE_CHECKING:
@@ -97,7 +96,9 @@ class Wavefront(GuidingSpace):
         self._again = 0  # runs since the last progress
         self._places = GrowingIndex(self.space.metric)  # of contacts, those close together taken as one
         self._weights = np.zeros(64)  # how many each stands for
-        self.search.collision_checks += self._grid.looks(self._field.frame)
+        looks = self._grid.looks(self._field.frame)
+        self.search.collision_checks += looks
+        self.search.looks += looks
 
     def project(self, tree: SearchTree, q: NDArray[np.float64]) -> NDArray[np.float64]:
         """(m, 2) the field at configurations (length) and how crowded known contacts are around them."""
@@ -150,7 +151,7 @@ class Wavefront(GuidingSpace):
         contacts = self._nodes[: len(tree), 1]
         left, detour = self._left_and_detour(tree)
         failed = np.log1p(tree.nodes.failures[: len(tree)])
-        target = TargetParameters()
+        target = self.search.options.target
         scores = -(left / target.tau + detour / target.delta)
         scores -= _FAILURE * failed + _CONTACT * np.log1p(contacts)
         return np.asarray(scores - self.penalties(tree))

@@ -18,7 +18,7 @@ from guided_gym.geometry.robots import Robot
 from guided_gym.guidance.registry import make_guidance
 from guided_gym.guidance.solvers import wave
 from guided_gym.guidance.wavefront import Wavefront
-from guided_gym.options import SearchOptions
+from guided_gym.options import SearchOptions, TargetParameters
 from guided_gym.planning import SearchResult, guided_search
 from guided_gym.problems import Problem, Task
 from guided_gym.randomness import streams
@@ -177,6 +177,21 @@ def test_values__are_not_negative_and_select_takes_the_least(
     fresh = Wavefront()
     fresh.reset(search)
     assert np.allclose(fresh.logits(tree), logits)
+
+
+def test_logits__are_the_targets_of_the_searchs_own_options(room: Problem) -> None:
+    def searched_with(target: TargetParameters) -> np.ndarray:
+        search = Search(room, *streams(0)[1:], options=SearchOptions(target=target))
+        guidance = Wavefront()
+        search.attach(guidance)
+        for q in (search.start + 0.1, search.start - 0.1):
+            search.tree.add(q, 0, float(room.space.distance(q, room.task.start)))
+        return guidance.logits(search.tree)
+
+    one, half = (searched_with(TargetParameters(t, t)) for t in (0.1, 0.05))
+    # Half the temperature doubles what tells the nodes apart; penalties are the same for both children.
+    assert half[1] - half[2] == pytest.approx(2 * (one[1] - one[2]))
+    assert one[1] != one[2]
 
 
 def test_temperature__draws_from_the_softmax_of_the_logits(room: Problem) -> None:
