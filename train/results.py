@@ -22,8 +22,8 @@ from guided_gym.errors import InvalidInputError, StorageError
 from guided_gym.measure.target import padded
 from guided_gym.storage.sqlite_file import FileFormat, connect, storage_errors, transaction
 
-RESULTS_VERSION = 2  # raise it when a column changes its meaning: older rows are computed anew
-_FILE_VERSION = 2  # raise it when the columns change: older files are refused
+RESULTS_VERSION = 3  # raise it when a column changes its meaning: older rows are computed anew
+_FILE_VERSION = 3  # raise it when the columns change: older files are refused
 RESULTS_FILE = "results.sqlite"
 
 _FORMAT = FileFormat(
