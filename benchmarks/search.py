@@ -202,7 +202,7 @@ def main() -> None:
     try:
         results["rrt against OMPL"] = against_ompl(options.samples, options.turns)
     except ImportError:
-        Console().print("ompl is not installed: that part is left out (pip install 'guided-gym[bench]')")
+        Console().print("ompl is not installed: that part is left out (pip install '.[bench]' here)")
     results["us a sample, rrt"] = growth("rrt", (1_000, 10_000, 50_000), 1000)
     for name in ("goal_distance", "lazy_prm", "medial_axis"):
         results[f"us a sample, {name}"] = growth(name, (1_000, 10_000, 50_000), 50)

@@ -55,7 +55,8 @@ def import_pygame() -> Any:
             import pygame.font
     except ImportError as error:
         raise GuidedGymError(
-            f"rendering needs pygame, which cannot be imported ({error}); pip install 'guided-gym[render]'"
+            f"rendering needs pygame, which cannot be imported ({error}); "
+            "in a checkout of guided-gym: pip install '.[render]'"
         ) from error
     return pygame
 

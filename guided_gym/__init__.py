@@ -116,6 +116,7 @@ _HOMES: dict[str, tuple[str, ...]] = {
     "train.paths": ("build_path_database",),
     "train.reproduction": ("reproduce",),
     "train.results": ("Results", "Run"),
+    "train.single_step": ("single_step",),
     "train.specs": ("EvaluationSettings", "GuidanceSpec"),
     "train.table": ("summarise",),
 }
@@ -194,6 +195,7 @@ __all__ = [
     "rollout",
     "rollout_bytes",
     "sampling_efficiency",
+    "single_step",
     "streams",
     "suboptimality",
     "summarise",

@@ -58,6 +58,10 @@ class SearchResult:
         seconds: Wall time of the search, oracle and metric excluded.
         preparation: Wall time before it, in which the guiding space built its roadmap, queried its
             database, or whatever it needs.
+        processor: Processor time of the search, all threads, oracle and metric excluded.
+        looks: How often the guiding space itself looked at the workspace in that time: configurations and
+            motions that it had checked (certified ones count among the collision checks, too) or looked up in
+            a raster.
     """
 
     problem: Problem
@@ -68,6 +72,8 @@ class SearchResult:
     collision_checks: int
     seconds: float
     preparation: float
+    processor: float
+    looks: int
 
     @property
     def solved(self) -> bool:
@@ -142,10 +148,10 @@ def guided_search(
     metric = Measure(search) if measure else None  # solves the oracle before the clock starts
     began = time.perf_counter()
     search.attach(guidance)
+    propose = proposer(search, expansion)  # another guiding space has to be prepared, too
     preparation = time.perf_counter() - began
-    propose = proposer(search, expansion)
     recorder = _Recorder(search, guidance, metric, distributions)
-    began = time.perf_counter()
+    began, burnt = time.perf_counter(), time.process_time()
     # The whole distribution is asked for sample by sample, so such a search runs in no bursts.
     search.run(
         guidance,
@@ -155,6 +161,7 @@ def guided_search(
         progress=progress,
     )
     seconds = time.perf_counter() - began - recorder.seconds
+    processor = time.process_time() - burnt - recorder.processor
     return SearchResult(
         problem,
         search.options,
@@ -164,6 +171,8 @@ def guided_search(
         search.collision_checks,
         seconds,
         preparation,
+        max(processor, 0.0),  # two clocks, one coarser than the other
+        search.looks,
     )
 
 
@@ -192,11 +201,11 @@ class _Recorder:
         self._distributions = distributions
         self._blocks: list[NDArray[np.float64]] = []  # (k, 7) each, columns in the order of `Record`
         self._rows: list[list[float]] = []  # not in a block yet
-        self.seconds = 0.0
+        self.seconds = self.processor = 0.0
 
     def before(self, node: int) -> None:
         """The choice of ``node``, measured on the tree as it stands."""
-        began = time.perf_counter()
+        began, burnt = time.perf_counter(), time.process_time()
         row = [node, NO_NODE, len(self._search.tree), np.nan, np.nan, np.nan, np.nan]
         if self._metric is not None:
             row[3], row[6] = self._metric.choice(node)
@@ -205,6 +214,7 @@ class _Recorder:
                 row[4], row[5] = sampling_efficiency(p, q), jensen_shannon(p, q)
         self._rows.append(row)
         self.seconds += time.perf_counter() - began
+        self.processor += time.process_time() - burnt
 
     def after(self, expansion: Expansion) -> None:
         """What became of it."""
@@ -212,7 +222,7 @@ class _Recorder:
 
     def take(self, burst: NDArray[np.int32]) -> None:
         """Rows of a burst of samples: what each would have been measured at, in hindsight."""
-        began = time.perf_counter()
+        began, burnt = time.perf_counter(), time.process_time()
         self._close_block()
         grew = burst[:, 1] != NO_NODE
         block = np.full((len(burst), 7), np.nan)
@@ -223,6 +233,7 @@ class _Recorder:
                 row[3], row[6] = self._metric.choice(int(row[0]), int(row[2]))
         self._blocks.append(block)
         self.seconds += time.perf_counter() - began
+        self.processor += time.process_time() - burnt
 
     def _close_block(self) -> None:
         self._blocks.append(np.array(self._rows, np.float64).reshape(-1, 7))

@@ -84,7 +84,8 @@ def check_board(wanted: bool) -> None:
     """
     if wanted and importlib.util.find_spec("tensorboard") is None:
         raise InvalidInputError(
-            "tensorboard: expected the package tensorboard, got none: pip install 'guided-gym[train]'"
+            "tensorboard: expected the package tensorboard, got none; "
+            "in a checkout of guided-gym: pip install '.[train]'"
         )
 
 

@@ -128,9 +128,14 @@ def evaluate(
         float | None, typer.Option(help="Radius of an expansion; 5 % of the workspace's diagonal by default.")
     ] = None,
     candidates: Annotated[int, typer.Option(help="Candidates that a guided expansion looks at.")] = 16,
+    protocol: Annotated[
+        str,
+        typer.Option(help="What is compared: whole; selection (expansion in common); expansion (selection)."),
+    ] = "whole",
     expansion: Annotated[
         str | None, typer.Option(help="Who proposes expansions: uniform or a guidance; itself by default.")
     ] = None,
+    rewire: Annotated[bool, typer.Option("--rewire", help="Rewire the tree as it grows, like RRT*.")] = False,
     goal_tolerance: Annotated[
         float | None,
         typer.Option(help="Distance at which the goal counts as reached; what the problem says by default."),
@@ -145,6 +150,9 @@ def evaluate(
     epsilon: Annotated[float, typer.Option(help="Least probability of a node under the target.")] = 1e-4,
     delta: Annotated[float, typer.Option(help="Temperature of the suboptimality.")] = 0.1,
     tau: Annotated[float, typer.Option(help="Temperature of the work remaining.")] = 0.1,
+    normalisation: Annotated[
+        str, typer.Option(help="What both are divided by: start, the optimum; tree, their largest values.")
+    ] = "start",
     distributions: Annotated[
         bool, typer.Option("--distributions", help="Measure each guidance's whole distribution too (slow).")
     ] = False,
@@ -163,18 +171,50 @@ def evaluate(
         step=step,
         candidates=candidates,
         goal_tolerance=goal_tolerance,
-        target=TargetParameters(delta, tau, epsilon),
+        rewire=rewire,
+        target=TargetParameters(delta, tau, epsilon, normalisation),
         distributions=distributions,
         goal_edge=goal_edge,
+        protocol=protocol,
     )
     names, guidances = words("env", env), words("guidance", guidance)
-    folder = out or Path("results") / "+".join(names)
+    folder = out or Path("results") / ("+".join(names) + ("" if protocol == "whole" else f"-{protocol}"))
     with progress_bar(f"Evaluating on {', '.join(names)}", folder) as progress:
         results = run(
             names, guidances, seeds=seeds, workers=workers, out=folder, settings=settings,
             database=database, imports=imports or (), progress=progress,
         )  # fmt: skip
     _report(results, folder, figures, names, guidances, settings, database)
+
+
+@app.command("single-step")
+def single_step(
+    env: Annotated[str, typer.Option(help="The environment (see `guided-gym list`).")],
+    guidance: Annotated[str, typer.Option(help="Guidances that are judged, as for evaluate.")],
+    harvest: Annotated[
+        str, typer.Option("--from", help="Guidances that grow the trees; those that are judged by default.")
+    ] = "",
+    seeds: Seeds = 32,
+    moments: Annotated[int, typer.Option(help="Trees that are taken of each search.")] = 4,
+    workers: Workers = 2,
+    max_samples: Annotated[int, typer.Option(help="Samples after which a search gives up.")] = 1000,
+    out: Annotated[Path | None, typer.Option(help="Folder for the table as CSV and JSON.")] = None,
+    imports: Imports = None,
+) -> None:
+    """Judge how guidances select on the same trees, harvested from searches."""
+    from guided_gym.train.single_step import record, single_step_table
+    from guided_gym.train.single_step import single_step as run
+    from guided_gym.train.specs import EvaluationSettings, words
+    from guided_gym.train.table import save_records
+
+    rows = run(
+        env, words("guidance", guidance), harvesters=words("from", harvest), seeds=seeds, moments=moments,
+        workers=workers, settings=EvaluationSettings(max_samples=max_samples), imports=imports or (),
+    )  # fmt: skip
+    console().print(single_step_table(rows, env))
+    if out is not None:
+        out.mkdir(parents=True, exist_ok=True)
+        _name_files(console(), out, save_records([record(row) for row in rows], out, "single-step"))
 
 
 @app.command()
@@ -265,12 +305,14 @@ def _report(
     """Print the table and write it, then draw the figures."""
     from guided_gym.train.evaluation import Plan, as_specs
     from guided_gym.train.results import RESULTS_FILE
-    from guided_gym.train.table import rich_tables, save, summarise
+    from guided_gym.train.table import rich_tables, save, summarise, verdicts
 
     screen = console()
     rows = summarise(results)
     for table in rich_tables(rows):
         screen.print(table)
+    for line in verdicts(results):
+        screen.print(line, markup=False)
     written = [folder / RESULTS_FILE, *save(rows, folder)]
     if figures:
         from guided_gym.train.drawing import draw_evaluation

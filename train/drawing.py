@@ -2,15 +2,20 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+import numpy as np
+from numpy.typing import NDArray
+
+from guided_gym.catalogue.table import make_distribution
 from guided_gym.train import figures
 from guided_gym.train.claims import DATABASE_SIZES, DRAWN, PROBLEMS, database_label
 from guided_gym.train.evaluation import Plan, run_once
-from guided_gym.train.results import Results
+from guided_gym.train.results import Column, Results, grid_shape
 from guided_gym.train.specs import made
 from guided_gym.train.statistics import Interval, bootstrap
 
@@ -40,7 +45,7 @@ class _Example:
 def draw_evaluation(
     results: Results, plans: Sequence[Plan], folder: Path, drawn: Callable[[str], None] | None = None
 ) -> list[Path]:
-    """The figures of an evaluation, per environment: SE over samples, SE by region, trees, guiding spaces.
+    """The figures of an evaluation, per environment: SE over samples, by region and place, its cost, trees.
 
     Args:
         results: What was found.
@@ -76,15 +81,26 @@ def _save_all(named: Named, folder: Path, drawn: Callable[[str], None] | None) -
 def _evaluation_figures(results: Results, plans: Sequence[Plan]) -> Named:
     for environment in results.environments():
         guidances = results.guidances(environment)
-        yield f"{environment}-efficiency", curves(results, environment, guidances)
+        ceiling = _ceiling([plan for plan in plans if plan.environment == environment])
+        yield f"{environment}-efficiency", progress(results, environment, guidances, ceiling)
         yield f"{environment}-regions", region_bars(results, environment, guidances)
+        yield f"{environment}-places", places(results, environment, guidances)
+        yield f"{environment}-cost", trade_off(results, environment, guidances)
         seed = min(run.seed for run in results.runs if run.environment == environment)
         chosen = [plan for plan in plans if plan.environment == environment][:_PANELS]
         yield from _examples_drawn(f"{environment}-", [_example(plan, seed) for plan in chosen])
 
 
+def _ceiling(plans: Sequence[Plan]) -> float | None:
+    """Log 1/epsilon, where the plans agree on it and there is one."""
+    floors = {plan.settings.target.epsilon for plan in plans}
+    floor = floors.pop() if len(floors) == 1 else 0.0
+    return -math.log(floor) if floor > 0 else None
+
+
 def _paper_figures(results: Results, plans: Sequence[Plan]) -> Named:
     yield "problems", figures.environments()
+    ceiling = _ceiling(plans)
     for guidance, problems in (
         ("rrt", PROBLEMS),
         ("lazy_prm", ("Cup", "SimplePassage")),
@@ -94,11 +110,15 @@ def _paper_figures(results: Results, plans: Sequence[Plan]) -> Named:
         title = figures.label_of(guidance)
         yield (
             f"{guidance}-efficiency",
-            figures.efficiency_over_samples(series, title=title, window=SMOOTHING),
+            figures.efficiency_over_samples(series, title=title, window=SMOOTHING, ceiling=ceiling),
         )
     trap_cup = ["rrt", "lazy_prm", "medial_axis", "hybrid"]
-    yield "TrapCup-efficiency", curves(results, "TrapCup", trap_cup)
+    yield "TrapCup-efficiency", curves(results, "TrapCup", trap_cup, ceiling)
+    yield "TrapCup-progress", progress(results, "TrapCup", trap_cup, ceiling)
     yield "TrapCup-regions", region_bars(results, "TrapCup", trap_cup)
+    yield "TrapCup-places", places(results, "TrapCup", trap_cup)
+    for environment in results.environments():
+        yield f"{environment}-cost", trade_off(results, environment, results.guidances(environment))
     yield "database", _database_figure(results)
     by_key = {(plan.environment, plan.spec.label): plan for plan in plans}
     seed = min(run.seed for run in results.runs)
@@ -113,10 +133,68 @@ def _paper_figures(results: Results, plans: Sequence[Plan]) -> Named:
     yield from _examples_drawn("TrapCup-", [_example(plan, seed) for plan in multi])
 
 
-def curves(results: Results, environment: str, guidances: Sequence[str]) -> Figure:
-    """SE over samples, a curve per guidance."""
+def curves(
+    results: Results, environment: str, guidances: Sequence[str], ceiling: float | None = None
+) -> Figure:
+    """SE over samples, a curve per guidance, with the best possible on its trees."""
     series = {guidance: results.curves(environment, guidance) for guidance in guidances}
-    return figures.efficiency_over_samples(series, title=environment, window=SMOOTHING)
+    best = {guidance: results.best_curves(environment, guidance) for guidance in guidances}
+    return figures.efficiency_over_samples(
+        series, best=best, ceiling=ceiling, title=environment, window=SMOOTHING
+    )
+
+
+def progress(
+    results: Results, environment: str, guidances: Sequence[str], ceiling: float | None = None
+) -> Figure:
+    """SE over samples of all searches, of those still searching, and how many are solved."""
+    series = {
+        guidance: figures.Progress(
+            results.curves(environment, guidance),
+            results.best_curves(environment, guidance),
+            results.values(environment, guidance, "samples").astype(np.int64),
+            results.values(environment, guidance, "solved") > 0,
+        )
+        for guidance in guidances
+    }
+    label = "SE of expansions (nats)" if results.protocol == "expansion" else "sampling efficiency (nats)"
+    return figures.search_progress(
+        series, ceiling=ceiling, title=_titled(results, environment), window=SMOOTHING, label=label
+    )
+
+
+def _titled(results: Results, environment: str) -> str:
+    return environment if results.protocol == "whole" else f"{environment}, protocol: {results.protocol}"
+
+
+def places(results: Results, environment: str, guidances: Sequence[str]) -> Figure:
+    """Total SE by place of the selected node, a panel per guidance (paper, Axes for Evaluating Guidance)."""
+    distribution = make_distribution(environment)
+    problem = distribution.problem(results.group(environment, guidances[0])[0].seed)
+    shape = grid_shape(problem.environment.bounds)
+    items = [
+        (figures.label_of(guidance), results.by_cell(environment, guidance, shape)[0])
+        for guidance in guidances[:_PANELS]
+    ]
+    label = "total SE of the nodes selected in a cell (nats), mean over seeds"
+    return figures.heat_maps(items, problem, fixed=distribution.fixed, label=label)
+
+
+def trade_off(results: Results, environment: str, guidances: Sequence[str]) -> Figure:
+    """SE over processor time, a point per guidance."""
+    costs = {}
+    for guidance in guidances:
+
+        def value(column: Column, guidance: str = guidance) -> NDArray[np.float64]:
+            return results.values(environment, guidance, column)
+
+        whole = value("processor") + value("preparation")
+        costs[guidance] = figures.Cost(
+            (bootstrap(value("processor_per_sample")), bootstrap(value("efficiency_per_sample"))),
+            (bootstrap(whole), bootstrap(value("total_efficiency"))),
+            int((value("solved") == 0).sum()),
+        )
+    return figures.quality_over_cost(costs, title=_titled(results, environment))
 
 
 def region_bars(results: Results, environment: str, guidances: Sequence[str]) -> Figure:

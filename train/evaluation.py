@@ -14,11 +14,12 @@ from numpy.typing import NDArray
 
 from guided_gym.checks import integer
 from guided_gym.compute.workers import map_tasks
-from guided_gym.errors import InvalidInputError, NoPathError, StorageError
-from guided_gym.planning import SearchResult, guided_search
+from guided_gym.errors import GuidedGymError, InvalidInputError, NoPathError, StorageError
+from guided_gym.planning import SearchResult
 from guided_gym.problems import Problem
 from guided_gym.train.identity import problem_identity
-from guided_gym.train.results import RESULTS_FILE, Results, ResultsFile, Run
+from guided_gym.train.protocols import sample_entropy, search_once
+from guided_gym.train.results import RESULTS_FILE, Results, ResultsFile, Run, Skipped, grid_cells
 from guided_gym.train.specs import (
     DATABASE_GUIDANCE,
     EvaluationSettings,
@@ -33,6 +34,9 @@ ELSEWHERE = "elsewhere"  # the region of nodes that lie in no region of their pr
 
 Progress = Callable[[int, int], None]
 """Called with (runs done, runs asked for) at the start and after each batch."""
+
+# What is wrong with one problem, and says nothing against the next one of a list.
+UNSUITABLE = (InvalidInputError, NoPathError)
 
 _RUNS_PER_BATCH = 8  # what a kill loses at most, per worker
 _WARM_UP_SAMPLES = 50
@@ -102,7 +106,7 @@ def evaluate(
         UnknownNameError: No environment, guidance or option of that name.
         InvalidInputError: A seed, a setting or a number of workers is out of range.
         StorageError: The results file or database is corrupt, foreign or not accessible.
-        NoPathError: A problem has no path.
+        NoPathError: The one problem of an environment, or every one that was asked for, has no path.
     """
     import_modules(imports)
     names = [environments] if isinstance(environments, str) else list(dict.fromkeys(environments))
@@ -129,7 +133,7 @@ def run_plans(
     check_plans(plans)
     groups = [_Group(plan, fingerprint(_content(plan))) for plan in plans]
     if out is None or not (Path(out) / RESULTS_FILE).exists():
-        _pose_first(plans, wanted[0])  # what has no path leaves no file either
+        _pose_first(plans, wanted)  # what has no path leaves no file either
     with ResultsFile.in_folder(None if out is None else Path(out)) as file:
         for group in groups:
             file.describe(group.fingerprint, _content(group.plan))
@@ -139,16 +143,21 @@ def run_plans(
         if progress is not None:
             progress(done, total)
         if workers > 1 and batches:
-            _compile_here([group.plan for group in groups], wanted[0])
+            _compile_here([group.plan for group in groups], wanted)
         prepare = partial(import_modules, tuple(imports))
-        for runs in map_tasks(_run_batch, batches, workers if missing else 1, prepare):
+        for runs, skipped in map_tasks(_run_batch, batches, workers if missing else 1, prepare):
             file.add(runs)
-            done += len(runs)
+            file.skip(skipped)
+            done += len(runs) + len(skipped)
             if progress is not None:
                 progress(done, total)
         stored = [_stored(file, group, wanted) for group in groups]
+        skipped_seeds = _skipped(file, groups, wanted)
     return Results(
-        tuple(itertools.chain.from_iterable(stored)), max(plan.settings.max_samples for plan in plans)
+        tuple(itertools.chain.from_iterable(stored)),
+        max(plan.settings.max_samples for plan in plans),
+        skipped_seeds,
+        _common_protocol(plans),
     )
 
 
@@ -202,34 +211,40 @@ def run_once(plan: Plan, seed: int) -> tuple[Problem, SearchResult]:
     settings = plan.settings
     distribution = make_distribution(plan.environment)
     problem = distribution.problem(seed, settings.goal_tolerance, settings.goal_edge)
-    result = guided_search(
-        problem,
-        made(plan.spec),
-        seed=seed,
-        max_samples=plan.settings.max_samples,
-        expansion=plan.settings.expansion,
-        options=plan.settings.search_options(),
-        distributions=plan.settings.distributions,
-    )
-    return problem, result
+    return problem, search_once(problem, made(plan.spec), settings, seed)
 
 
 def _content(plan: Plan) -> dict[str, object]:
     return settings_content(plan.environment, plan.spec, plan.settings)
 
 
-def _pose_first(plans: Sequence[Plan], seed: int) -> None:
-    """Pose the first problem of each environment, and solve its oracle, which the searches need anyway.
+def _pose_first(plans: Sequence[Plan], seeds: Sequence[int]) -> None:
+    """Pose a problem of each environment, and solve its oracle, which the searches need anyway.
 
     Raises:
-        NoPathError: One of them has no path.
+        GuidedGymError: None of an environment's problems can be posed and has a path: what the first lacks.
     """
+    for plan in {plan.environment: plan for plan in plans}.values():
+        first = _first_that_works(plan, seeds)
+        if isinstance(first, GuidedGymError):
+            raise first
+
+
+def _first_that_works(plan: Plan, seeds: Sequence[int]) -> int | GuidedGymError:
+    """The first seed whose problem can be posed and has a path; if there is none, what the first lacks."""
     from guided_gym.catalogue.table import make_distribution
 
-    for plan in {plan.environment: plan for plan in plans}.values():
-        settings = plan.settings
-        distribution = make_distribution(plan.environment)
-        _optimum(distribution.problem(seed, settings.goal_tolerance, settings.goal_edge))
+    settings, distribution = plan.settings, make_distribution(plan.environment)
+    trouble: GuidedGymError | None = None
+    for seed in seeds:
+        try:
+            _optimum(distribution.problem(seed, settings.goal_tolerance, settings.goal_edge))
+            return seed
+        except UNSUITABLE as error:
+            trouble = trouble or error
+            if distribution.fixed:
+                break
+    return trouble or InvalidInputError("expected at least one seed, got none")
 
 
 def checked_seeds(seeds: int | Iterable[int]) -> list[int]:
@@ -304,8 +319,51 @@ def _mean(values: NDArray[np.float64]) -> float:
 _warm: set[tuple[str, GuidanceSpec]] = set()
 
 
-def _run_batch(tasks: Sequence[_Task]) -> list[Run]:
-    return [_run(group, seed) for group, seed in tasks]
+def _run_batch(tasks: Sequence[_Task]) -> tuple[list[Run], list[Skipped]]:
+    """The runs of some tasks, and those whose problems cannot be posed or have no path."""
+    runs: list[Run] = []
+    skipped: list[Skipped] = []
+    for group, seed in tasks:
+        try:
+            _pose(group.plan, seed)
+        except UNSUITABLE as error:
+            skipped.append(
+                (group.plan.environment, group.plan.spec.label, seed, group.fingerprint, str(error))
+            )
+            continue
+        runs.append(_run(group, seed))
+    return runs, skipped
+
+
+def _pose(plan: Plan, seed: int) -> None:
+    """Pose a problem of a list or distribution, and solve its oracle; one and the same problem works for all.
+
+    Raises:
+        InvalidInputError: It cannot be posed: its start is in collision, say.
+        NoPathError: It has no path.
+    """
+    from guided_gym.catalogue.table import make_distribution
+
+    distribution, settings = make_distribution(plan.environment), plan.settings
+    if not distribution.fixed:
+        _optimum(distribution.problem(seed, settings.goal_tolerance, settings.goal_edge))
+
+
+def _skipped(file: ResultsFile, groups: Sequence[_Group], seeds: Sequence[int]) -> dict[str, dict[int, str]]:
+    """Environment to seed to why its problem was left out, of those that were asked for."""
+    wanted = set(seeds)
+    out: dict[str, dict[int, str]] = {}
+    for group in groups:
+        environment = group.plan.environment
+        found = file.skipped(environment, group.plan.spec.label, group.fingerprint)
+        if chosen := {seed: reason for seed, reason in found.items() if seed in wanted}:
+            out.setdefault(environment, {}).update(chosen)
+    return {environment: dict(sorted(found.items())) for environment, found in out.items()}
+
+
+def _common_protocol(plans: Sequence[Plan]) -> str:
+    protocols = dict.fromkeys(plan.settings.protocol for plan in plans)
+    return " and ".join(protocols)
 
 
 def _run(group: _Group, seed: int) -> Run:
@@ -313,9 +371,7 @@ def _run(group: _Group, seed: int) -> Run:
     _warm_up(plan, seed)
     problem, result = run_once(plan, seed)
     efficiency = result.record.efficiency
-    path_cost = np.nan
-    if result.path is not None:
-        path_cost = float(problem.space.distance(result.path[:-1], result.path[1:]).sum())
+    positions = result.tree.configurations[result.record.selected][:, :2]
     return Run(
         environment=plan.environment,
         guidance=plan.spec.label,
@@ -330,12 +386,17 @@ def _run(group: _Group, seed: int) -> Run:
         collision_checks=result.collision_checks,
         seconds=result.seconds,
         preparation=result.preparation,
-        path_cost=path_cost,
+        processor=result.processor,
+        looks=result.looks,
+        path_cost=result.length,
         optimum=_optimum(problem),
         divergence=_mean(result.record.divergence),
         jensen_shannon=_mean(result.record.jensen_shannon),
+        entropy=sample_entropy(result),
         regions=region_sums(problem, result),
         curve=efficiency.astype(np.float32),
+        best=result.record.best.astype(np.float32),
+        cells=grid_cells(positions, problem.environment.bounds),
     )
 
 
@@ -347,10 +408,12 @@ def _warm_up(plan: Plan, seed: int) -> None:
         run_once(Plan(plan.environment, plan.spec, short), seed)
 
 
-def _compile_here(plans: Sequence[Plan], seed: int) -> None:
+def _compile_here(plans: Sequence[Plan], seeds: Sequence[int]) -> None:
     """Compile before there are workers: each of them would compile the same, and say so."""
     for plan in {plan.spec.name: plan for plan in plans}.values():
-        _warm_up(plan, seed)
+        seed = _first_that_works(plan, seeds)
+        if isinstance(seed, int):
+            _warm_up(plan, seed)
 
 
 def _optimum(problem: Problem) -> float:

@@ -6,13 +6,13 @@ Nothing here touches pyplot: no window, no global state.
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
 from matplotlib.cm import ScalarMappable
-from matplotlib.colors import LogNorm
+from matplotlib.colors import LogNorm, PowerNorm
 from matplotlib.figure import Figure
-from matplotlib.ticker import MaxNLocator
+from matplotlib.ticker import LogLocator, MaxNLocator, NullFormatter, StrMethodFormatter
 from numpy.typing import NDArray
 
 from guided_gym.catalogue.table import distribution_names, make_distribution
@@ -21,6 +21,14 @@ from guided_gym.measure.target import Measure
 from guided_gym.planning import SearchResult
 from guided_gym.search.search import Search
 from guided_gym.train import workspace_axes as workspace
+from guided_gym.train.curve_figures import (
+    EFFICIENCY_LABEL,
+    Cost,
+    Progress,
+    efficiency_over_samples,
+    quality_over_cost,
+    search_progress,
+)
 from guided_gym.train.statistics import Interval
 from guided_gym.train.style import (
     COLUMN,
@@ -43,73 +51,9 @@ if TYPE_CHECKING:
 
 FloatArray = NDArray[np.float64]
 
-EFFICIENCY_LABEL = "sampling efficiency (nats)"
-RESAMPLES = 1000
 PANELS_A_ROW = 4
-TITLE_HEIGHT, BAR_HEIGHT, TALLEST_PANEL = 0.26, 0.34, 5.0  # inches
-
-
-@styled
-def efficiency_over_samples(
-    series: Mapping[str, FloatArray], *, title: str | None = None, window: int = 1
-) -> Figure:
-    """Mean SE at each sample, with the 95 % band of a bootstrap over seeds; a curve per guidance.
-
-    Args:
-        series: Name of each guidance to its (seeds, samples) SE in nats, 0 after a search has ended
-            (`guided_gym.measure.efficiency.padded`).
-        title: Title of the axes.
-        window: Each search's SE is averaged over so many samples first, centred.
-
-    Raises:
-        InvalidInputError: No series, one that is not two-dimensional or empty, or a window below 1.
-    """
-    if not series:
-        raise InvalidInputError("series: expected at least one guidance, got none")
-    if window < 1:
-        raise InvalidInputError(f"window: expected at least 1 sample, got {window!r}")
-    looks = Looks(series)
-    figure = new_figure(COLUMN * 1.35, COLUMN * 0.8)
-    axes = figure.subplots()
-    for name, values in series.items():
-        array = np.asarray(values, np.float64)
-        if array.ndim != 2 or not array.size:
-            raise InvalidInputError(f"series {name!r}: expected shape (seeds, samples), got {array.shape}")
-        array = _smoothed(array, window)
-        low, high = _band(array)
-        x = np.arange(1, array.shape[1] + 1)
-        colour = looks.colour(name)
-        axes.fill_between(x, low, high, color=colour, alpha=0.18, linewidth=0)
-        axes.plot(x, array.mean(axis=0), color=colour, linestyle=looks.dash(name), label=looks.label(name))
-    label = EFFICIENCY_LABEL if window == 1 else f"{EFFICIENCY_LABEL},\nmean of {window} samples"
-    axes.set(xlabel="samples", ylabel=label, title=title)
-    axes.set_xlim(1, max(_last_sample(values) for values in series.values()))
-    axes.set_ylim(bottom=0)
-    axes.legend(loc="upper left", bbox_to_anchor=(1.0, 1.0))
-    return figure
-
-
-def _last_sample(values: FloatArray) -> int:
-    """The last sample that any search drew; at least 2, so that there is an axis."""
-    return max(2, int(np.max(np.nonzero(np.asarray(values).any(axis=0))[0], initial=0)) + 1)
-
-
-def _smoothed(array: FloatArray, window: int) -> FloatArray:
-    """Centred running mean along the samples; shorter at the ends."""
-    sums = np.cumsum(np.pad(array, ((0, 0), (1, 0))), axis=1)
-    at = np.arange(array.shape[1])
-    first = np.maximum(at - (window - 1) // 2, 0)
-    last = np.minimum(at + window // 2 + 1, array.shape[1])
-    return np.asarray((sums[:, last] - sums[:, first]) / (last - first))
-
-
-def _band(array: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """(samples,) ends of the 95 % percentile bootstrap of the mean over seeds, sample by sample."""
-    seeds = len(array)
-    rng = np.random.default_rng(0)
-    weights = rng.multinomial(seeds, np.full(seeds, 1.0 / seeds), RESAMPLES) / seeds
-    low, high = np.quantile(weights @ array, [0.025, 0.975], axis=0)
-    return low, high
+_WIDE = 30.0  # largest over smallest, from which on bars stand on a logarithmic axis
+TITLE_HEIGHT, BAR_HEIGHT, LEGEND_HEIGHT, TALLEST_PANEL = 0.26, 0.34, 0.22, 5.0  # inches
 
 
 @styled
@@ -136,7 +80,7 @@ def search_tree(
     target: FloatArray | None = None,
     title: str | None = None,
 ) -> Figure:
-    """A search tree coloured by its target Q, its failed expansions, and the path found, in red.
+    """A search tree coloured by its own target Q, its failed expansions, and the path found, in pale red.
 
     Args:
         search: The search, or what `guided_search` returned.
@@ -156,7 +100,7 @@ def search_trees(
     if targets is None:
         targets = [_target(search) for _, search, problem in items]
     norm = workspace.target_norm(targets)
-    figure, panels = _row([problem for _, _, problem in items], bar=True)
+    figure, panels = _row([problem for _, _, problem in items], bars="common", legend=True)
     for axes, (title, search, problem), target in zip(panels, items, targets, strict=True):
         path = search.path() if isinstance(search, Search) else search.path
         workspace.draw_workspace(axes, problem.environment)
@@ -167,6 +111,34 @@ def search_trees(
         workspace.draw_task(axes, problem)
         _title(axes, title)
     _bar(figure, panels, ScalarMappable(norm, TARGET_MAP), "target Q")
+    figure.legend(
+        handles=workspace.tree_legend(), loc="outside lower center", ncols=4, handlelength=1.4, fontsize=6.5
+    )
+    return figure
+
+
+@styled
+def heat_maps(
+    items: Sequence[tuple[str, FloatArray]], problem: Problem, *, fixed: bool = True, label: str
+) -> Figure:
+    """A quantity by place, as panels over one workspace and on one colour scale.
+
+    Args:
+        items: Title and (rows, columns) values of each panel, row by row from below; 0 where nothing was.
+        problem: Whose workspace it is.
+        fixed: Whether all searches had that problem; else its obstacles are not drawn.
+        label: What the colours mean, with its unit.
+
+    Raises:
+        InvalidInputError: No panel.
+    """
+    figure, panels = _row([problem] * len(items), bars="common")
+    highest = max(float(np.max(values)) for _, values in items)
+    norm = PowerNorm(0.5, 0.0, highest if highest > 0 else 1.0)
+    for axes, (title, values) in zip(panels, items, strict=True):
+        workspace.draw_heat(axes, problem, values, norm, obstacles=fixed)
+        _title(axes, title)
+    _bar(figure, panels, ScalarMappable(norm, workspace.HEAT_MAP), label)
     return figure
 
 
@@ -198,7 +170,7 @@ def guiding_spaces(items: Sequence[tuple[str, GuidingSpace, Search | None]]) -> 
         for title, part in _unfolded(heading, guidance)
     ]
     looks = Looks(guidance.name for _, guidance, _ in unfolded)
-    figure, panels = _row([search.problem for _, _, search in unfolded], bar=True)
+    figure, panels = _row([search.problem for _, _, search in unfolded], bars="each")
     for axes, (title, guidance, search) in zip(panels, unfolded, strict=True):
         mappable = workspace.draw_guiding_space(axes, guidance, search, looks.colour(guidance.name))
         _title(axes, title)
@@ -215,23 +187,28 @@ def _unfolded(title: str, guidance: GuidingSpace) -> Iterable[tuple[str, Guiding
         yield f"{title}: {label_of(guide.name)}", guide
 
 
-def _row(problems: Sequence[Problem], *, bar: bool = False) -> tuple[Figure, list[Axes]]:
-    """A figure with a panel per workspace, in rows of at most four (five, if that is all); room for bars."""
+def _row(
+    problems: Sequence[Problem], *, bars: Literal["common", "each", ""] = "", legend: bool = False
+) -> tuple[Figure, list[Axes]]:
+    """A figure with a panel per workspace, in even rows of at most four (five, if that is all)."""
     if not problems:
         raise InvalidInputError("expected at least one thing to draw, got none")
-    columns = len(problems) if len(problems) <= PANELS_A_ROW + 1 else PANELS_A_ROW
-    rows = -(-len(problems) // columns)
+    count = len(problems)
+    rows = 1 if count <= PANELS_A_ROW + 1 else -(-count // PANELS_A_ROW)
+    columns = -(-count // rows)
     width = COLUMN if columns == 1 else PAGE
     tallest = max(_aspect(problem) for problem in problems)
     width = min(width, columns * TALLEST_PANEL / tallest)
-    height = rows * (width / columns * tallest + TITLE_HEIGHT + (BAR_HEIGHT if bar else 0.0))
+    below = BAR_HEIGHT if bars == "each" else 0.0
+    height = rows * (width / columns * tallest + TITLE_HEIGHT + below)
+    height += (BAR_HEIGHT if bars == "common" else 0.0) + (LEGEND_HEIGHT if legend else 0.0)
     figure = new_figure(width, height)
     grid = list(np.atleast_1d(figure.subplots(rows, columns)).flat)
-    for unused in grid[len(problems) :]:
+    for unused in grid[count:]:
         unused.remove()
-    for axes in grid[: len(problems)]:
+    for axes in grid[:count]:
         axes.set_anchor("N")
-    return figure, grid[: len(problems)]
+    return figure, grid[:count]
 
 
 def _title(axes: Axes, text: str) -> None:
@@ -311,6 +288,13 @@ def regions(
     axes.set_xticks(range(len(names)), [name.replace("_", " ") for name in names])
     axes.tick_params(axis="x", length=0)
     axes.set(ylabel=label, title=title)
+    estimates = [interval.estimate for of in values.values() for interval in of.values()]
+    positive = [estimate for estimate in estimates if estimate > 0]
+    if positive and max(positive) > _WIDE * min(positive):
+        axes.set(yscale="log", ylim=(0.5 * min(positive), None))
+        axes.yaxis.set_major_locator(LogLocator(subs=(1.0, 3.0)))
+        axes.yaxis.set_major_formatter(StrMethodFormatter("{x:,g}"))
+        axes.yaxis.set_minor_formatter(NullFormatter())
     axes.legend(loc="upper left", bbox_to_anchor=(1.0, 1.0), handlelength=1.0)
     return figure
 
@@ -376,14 +360,19 @@ def database(
 
 
 __all__ = [
+    "Cost",
+    "Progress",
     "database",
     "efficiency_over_samples",
     "environments",
     "guiding_space",
     "guiding_spaces",
+    "heat_maps",
     "label_of",
+    "quality_over_cost",
     "regions",
     "save",
+    "search_progress",
     "search_tree",
     "search_trees",
 ]

@@ -22,8 +22,8 @@ from guided_gym.errors import InvalidInputError, StorageError
 from guided_gym.measure.target import padded
 from guided_gym.storage.sqlite_file import FileFormat, connect, storage_errors, transaction
 
-RESULTS_VERSION = 2  # raise it when a column changes its meaning: older rows are computed anew
-_FILE_VERSION = 2  # raise it when the columns change: older files are refused
+RESULTS_VERSION = 3  # raise it when a column changes its meaning: older rows are computed anew
+_FILE_VERSION = 3  # raise it when the columns change: older files are refused
 RESULTS_FILE = "results.sqlite"
 
 _FORMAT = FileFormat(
@@ -33,7 +33,16 @@ _FORMAT = FileFormat(
     schema=(
         # What a settings fingerprint stands for, for people.
         "CREATE TABLE settings (fingerprint TEXT PRIMARY KEY, content TEXT NOT NULL)",
-        # curve: little-endian float32, SE of each sample. checksum: CRC-32 of the rest of the row.
+        # Problems that could not be posed, or have no path.
+        """CREATE TABLE skipped (
+            environment TEXT NOT NULL,
+            guidance TEXT NOT NULL,
+            seed INTEGER NOT NULL,
+            settings TEXT NOT NULL,
+            reason TEXT NOT NULL,
+            PRIMARY KEY (environment, guidance, seed, settings)
+        ) WITHOUT ROWID""",
+        # curve, best: little-endian float32, cells: uint16, of each sample. checksum: CRC-32 of the rest.
         """CREATE TABLE runs (
             environment TEXT NOT NULL,
             guidance TEXT NOT NULL,
@@ -48,17 +57,26 @@ _FORMAT = FileFormat(
             collision_checks INTEGER NOT NULL,
             seconds REAL NOT NULL,
             preparation REAL NOT NULL,
+            processor REAL NOT NULL,
+            looks INTEGER NOT NULL,
             path_cost REAL,
             optimum REAL NOT NULL,
             divergence REAL,
             jensen_shannon REAL,
+            entropy REAL,
             regions TEXT NOT NULL,
             curve BLOB NOT NULL,
+            best BLOB NOT NULL,
+            cells BLOB NOT NULL,
             checksum INTEGER NOT NULL,
             PRIMARY KEY (environment, guidance, seed, settings)
         ) WITHOUT ROWID""",
     ),
+    remedy="another version of guided-gym wrote it: keep it for that one, or choose another folder",
 )
+
+Skipped = tuple[str, str, int, str, str]
+"""(environment, guidance, seed, settings, reason) of a problem that was left out."""
 
 Key = tuple[str, str]
 """(environment, guidance) of a group of runs that differ in their seeds only."""
@@ -70,14 +88,22 @@ Column = Literal[
     "total_efficiency",
     "efficiency_per_sample",
     "best_possible",
+    "excess_efficiency",
     "collision_checks",
+    "looks",
     "seconds",
     "preparation",
+    "processor",
+    "processor_per_sample",
     "path_cost",
+    "path_ratio",
     "optimum",
     "divergence",
     "jensen_shannon",
+    "entropy",
 ]
+
+GRID = 24  # cells of the workspace along its longer side, for SE by place
 
 
 @dataclass(frozen=True)
@@ -93,18 +119,24 @@ class Run:
         solved: Whether a path was found.
         samples: Samples drawn; the limit where unsolved.
         nodes: Nodes of the tree at the end.
-        total_efficiency: Sum of SE over the samples, nats; 0 per sample after the end.
+        total_efficiency: Sum of SE over the samples, nats; 0 per sample after the end. Of selections, or of
+            expansions where the protocol says so.
         best_possible: Sum of -log max Q over the samples: the least that any choices on these trees had.
         collision_checks: Motions checked.
         seconds: Wall time of the search, oracle and metric excluded.
         preparation: Wall time before it, for the guidance to build its roadmap or query its database.
+        processor: Processor time of the search, oracle and metric excluded.
+        looks: How often the guidance itself looked at the workspace during the search, or at a raster of it.
         path_cost: Length of the path found, NaN where unsolved.
         optimum: d_C(s, t) by the oracle.
         divergence: Mean over the samples of D_KL(P || Q) of the guidance's whole distribution, NaN if it was
             not asked for.
         jensen_shannon: Mean over the samples of D_JS(P || Q), likewise.
+        entropy: Entropy of the samples over a grid of C, nats; NaN if there were none.
         regions: Region of the selected node to (sum of SE, samples).
         curve: (samples,) float32 SE of each sample.
+        best: (samples,) float32 the least that each choice could have had.
+        cells: (samples,) uint16 cell of the selected node on the workspace's grid, see `grid_shape`.
     """
 
     environment: str
@@ -120,17 +152,57 @@ class Run:
     collision_checks: int
     seconds: float
     preparation: float
+    processor: float
+    looks: int
     path_cost: float
     optimum: float
     divergence: float
     jensen_shannon: float
+    entropy: float
     regions: Mapping[str, tuple[float, int]]
     curve: NDArray[np.float32] = field(repr=False)
+    best: NDArray[np.float32] = field(repr=False)
+    cells: NDArray[np.uint16] = field(repr=False)
 
     @property
     def efficiency_per_sample(self) -> float:
         """Total SE over the samples drawn; 0 if the start saw the goal."""
         return self.total_efficiency / self.samples if self.samples else 0.0
+
+    @property
+    def excess_efficiency(self) -> float:
+        """Total SE less the best possible: the regret of the choices, nats."""
+        return max(self.total_efficiency - self.best_possible, 0.0)
+
+    @property
+    def processor_per_sample(self) -> float:
+        """Processor time of a sample; NaN if none was drawn."""
+        return self.processor / self.samples if self.samples else math.nan
+
+    @property
+    def path_ratio(self) -> float:
+        """Length of the path found over the optimum, NaN where unsolved; 1 where both are 0."""
+        if self.optimum == 0:
+            return 1.0 if self.path_cost == 0 else math.nan
+        return self.path_cost / self.optimum
+
+
+def grid_shape(bounds: tuple[float, float, float, float]) -> tuple[int, int]:
+    """(rows, columns) of the grid over a workspace that `Run.cells` counts on, row by row from below."""
+    width, height = bounds[2] - bounds[0], bounds[3] - bounds[1]
+    longer = max(width, height)
+    return max(1, round(GRID * height / longer)), max(1, round(GRID * width / longer))
+
+
+def grid_cells(
+    positions: NDArray[np.float64], bounds: tuple[float, float, float, float]
+) -> NDArray[np.uint16]:
+    """(m,) cell of each position (m, 2) on the grid of `grid_shape`; what lies outside counts to the edge."""
+    rows, columns = grid_shape(bounds)
+    x = ((positions[:, 0] - bounds[0]) / (bounds[2] - bounds[0]) * columns).astype(np.int64)
+    y = ((positions[:, 1] - bounds[1]) / (bounds[3] - bounds[1]) * rows).astype(np.int64)
+    cells = np.clip(y, 0, rows - 1) * columns + np.clip(x, 0, columns - 1)
+    return cells.astype(np.uint16)
 
 
 @dataclass(frozen=True)
@@ -140,10 +212,14 @@ class Results:
     Attributes:
         runs: In the order of environments, guidances and seeds that was asked for.
         max_samples: Limit on the samples of each search.
+        skipped: Environment to seed to why its problem was left out: it cannot be posed, or has no path.
+        protocol: What SE is of, see `guided_gym.train.protocols`.
     """
 
     runs: tuple[Run, ...]
     max_samples: int
+    skipped: Mapping[str, Mapping[int, str]] = field(default_factory=dict)
+    protocol: str = "whole"
 
     def __len__(self) -> int:
         return len(self.runs)
@@ -183,6 +259,35 @@ class Results:
         """(seeds, max_samples) SE of each sample, 0 after the end of a search."""
         runs = self.group(environment, guidance)
         return np.stack([padded(run.curve.astype(np.float64), self.max_samples) for run in runs])
+
+    def best_curves(self, environment: str, guidance: str) -> NDArray[np.float64]:
+        """(seeds, max_samples) the least SE that each choice could have had, 0 after the end of a search."""
+        runs = self.group(environment, guidance)
+        return np.stack([padded(run.best.astype(np.float64), self.max_samples) for run in runs])
+
+    def survivors(self, environment: str, guidance: str) -> NDArray[np.float64]:
+        """(seeds, max_samples) SE of each sample, NaN after the end of a search."""
+        curves = self.curves(environment, guidance)
+        for row, run in zip(curves, self.group(environment, guidance), strict=True):
+            row[run.samples :] = np.nan
+        return curves
+
+    def solved_after(self, environment: str, guidance: str) -> NDArray[np.bool_]:
+        """(seeds, max_samples + 1) whether a search was solved after so many samples, from 0 on."""
+        runs = self.group(environment, guidance)
+        ends = np.array([run.samples if run.solved else self.max_samples + 1 for run in runs])
+        return ends[:, None] <= np.arange(self.max_samples + 1)
+
+    def by_cell(
+        self, environment: str, guidance: str, shape: tuple[int, int]
+    ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """Over the workspace's grid, row by row from below: mean total SE of a search, and of its excess."""
+        runs, size = self.group(environment, guidance), shape[0] * shape[1]
+        total, excess = np.zeros(size), np.zeros(size)
+        for run in runs:
+            total += np.bincount(run.cells, run.curve, size)
+            excess += np.bincount(run.cells, run.curve - run.best, size)
+        return total.reshape(shape) / len(runs), excess.reshape(shape) / len(runs)
 
     def by_region(self, environment: str, guidance: str) -> dict[str, NDArray[np.float64]]:
         """Region to (seeds,) sum of SE over the samples whose selected node lies there."""
@@ -251,10 +356,25 @@ class ResultsFile:
         with storage_errors(self.path, _FORMAT, "write"), transaction(self._connection) as cursor:
             cursor.executemany(f"INSERT OR IGNORE INTO runs ({', '.join(_COLUMNS)}) VALUES ({marks})", rows)
 
+    def skip(self, rows: Iterable[Skipped]) -> None:
+        """Note problems that are left out, and why.
+
+        Raises:
+            StorageError: The file cannot be written.
+        """
+        with storage_errors(self.path, _FORMAT, "write"), transaction(self._connection) as cursor:
+            cursor.executemany("INSERT OR IGNORE INTO skipped VALUES (?, ?, ?, ?, ?)", list(rows))
+
+    def skipped(self, environment: str, guidance: str, settings: str) -> dict[int, str]:
+        """Seeds that were left out, and why."""
+        query = "SELECT seed, reason FROM skipped WHERE environment = ? AND guidance = ? AND settings = ?"
+        return dict(self._select(query, (environment, guidance, settings)))
+
     def seeds(self, environment: str, guidance: str, settings: str) -> set[int]:
-        """Seeds that are there already."""
+        """Seeds that are there already, or were left out."""
         query = "SELECT seed FROM runs WHERE environment = ? AND guidance = ? AND settings = ?"
-        return {seed for (seed,) in self._select(query, (environment, guidance, settings))}
+        there = {seed for (seed,) in self._select(query, (environment, guidance, settings))}
+        return there | set(self.skipped(environment, guidance, settings))
 
     def problems(self, environment: str, guidance: str, settings: str) -> dict[int, str]:
         """Hash of the problem that each seed posed, of those that are there already."""
@@ -303,7 +423,8 @@ class ResultsFile:
         values["regions"] = {
             name: (float(total), int(count)) for name, (total, count) in json.loads(values["regions"]).items()
         }
-        values["curve"] = np.frombuffer(values["curve"], "<f4").astype(np.float32)
+        for name, (stored, kind) in _ARRAYS.items():
+            values[name] = np.frombuffer(values[name], stored).astype(kind)
         return Run(**values)
 
 
@@ -321,15 +442,25 @@ _COLUMNS = (
     "collision_checks",
     "seconds",
     "preparation",
+    "processor",
+    "looks",
     "path_cost",
     "optimum",
     "divergence",
     "jensen_shannon",
+    "entropy",
     "regions",
     "curve",
+    "best",
+    "cells",
     "checksum",
 )
-_MAY_BE_NAN = ("path_cost", "divergence", "jensen_shannon")
+_MAY_BE_NAN = ("path_cost", "divergence", "jensen_shannon", "entropy")
+_ARRAYS: Mapping[str, tuple[str, type[Any]]] = {
+    "curve": ("<f4", np.float32),
+    "best": ("<f4", np.float32),
+    "cells": ("<u2", np.uint16),
+}
 
 
 def _row(run: Run) -> tuple[Any, ...]:
@@ -337,8 +468,9 @@ def _row(run: Run) -> tuple[Any, ...]:
     values["solved"] = int(run.solved)
     values |= {name: None for name in _MAY_BE_NAN if math.isnan(values[name])}  # SQLite has no NaN
     values["regions"] = json.dumps({name: list(pair) for name, pair in run.regions.items()})
-    values["curve"] = run.curve.astype("<f4").tobytes()
-    row = tuple(values.values())
+    values |= {name: getattr(run, name).astype(stored).tobytes() for name, (stored, _) in _ARRAYS.items()}
+    # SQLite gives -0.0 back as 0.0, which has another checksum.
+    row = tuple(value + 0.0 if isinstance(value, float) else value for value in values.values())
     return (*row, _checksum(row))
 
 

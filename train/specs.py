@@ -16,7 +16,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from guided_gym.checks import integer
-from guided_gym.errors import GuidedGymError, InvalidInputError
+from guided_gym.errors import GuidedGymError, InvalidInputError, NoPathError
 from guided_gym.guidance.grammar import FAMILY, JOINED, Call, Option, is_name, parse, split, text_of
 from guided_gym.options import DEFAULT_CANDIDATES, TargetParameters
 from guided_gym.problems import Task
@@ -236,6 +236,8 @@ class EvaluationSettings:
         target: Parameters of the target distribution Q.
         distributions: Whether to measure D_KL and D_JS of each guidance's whole distribution P too.
         goal_edge: Whether a valid edge to the goal ends a search; None likewise.
+        protocol: What is compared: ``"whole"``, ``"selection"`` or ``"expansion"``, see
+            `guided_gym.train.protocols`.
     """
 
     max_samples: int = 1000
@@ -247,8 +249,12 @@ class EvaluationSettings:
     target: TargetParameters = field(default_factory=TargetParameters)
     distributions: bool = False
     goal_edge: bool | None = None
+    protocol: str = "whole"
 
     def __post_init__(self) -> None:
+        from guided_gym.train.protocols import checked_protocol
+
+        checked_protocol(self.protocol, self.expansion, self.rewire)
         integer("max_samples", self.max_samples, least=1)
         self.search_options()  # checks the rest
         Task([0.0], [1.0]).ending(self.goal_tolerance, self.goal_edge)
@@ -274,11 +280,22 @@ def settings_content(environment: str, spec: GuidanceSpec, settings: EvaluationS
     return {
         "results_version": RESULTS_VERSION,
         "code": code_fingerprint(),
-        "problem": distribution.problem(0).fingerprint,
+        "problem": _problem_content(environment),
         "guidance": {"expression": _content(spec.call), **_agents_content(calls)},
         "settings": asdict(settings),
         "yours": _yours(calls, distribution),
     }
+
+
+def _problem_content(environment: str) -> str:
+    """The content of an environment's first problem; what is wrong with it, where it cannot be posed."""
+    from guided_gym.catalogue.table import make_distribution
+
+    distribution = make_distribution(environment)
+    try:
+        return distribution.problem(0).fingerprint
+    except (InvalidInputError, NoPathError) as error:
+        return str(error)
 
 
 def _yours(calls: Sequence[Call], *others: Any) -> dict[str, str]:

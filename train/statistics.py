@@ -1,4 +1,4 @@
-"""Figures with 95 % intervals: a bootstrap over seeds, and the trend over database sizes."""
+"""Figures with 95 % intervals: bootstraps over seeds, differences of paired seeds, shares, trends."""
 
 from __future__ import annotations
 
@@ -16,6 +16,7 @@ FloatArray = NDArray[np.float64]
 Statistic = Callable[[FloatArray], FloatArray]  # reduces the last axis
 
 CONFIDENCE = 0.95
+Z_SCORE = 1.959963984540054  # of the normal distribution, for that confidence
 RESAMPLES = 4000
 _SEED = 20240403  # a table printed twice from the same results has to be the same table
 
@@ -32,9 +33,13 @@ class Interval:
         """Whether the whole of this interval lies below the whole of the other."""
         return self.high < other.low
 
-    def overlaps(self, other: Interval) -> bool:
-        """Whether the two intervals have a point in common."""
-        return self.low <= other.high and other.low <= self.high
+    def within(self, low: float, high: float) -> bool:
+        """Whether the whole of this interval lies between two bounds."""
+        return low <= self.low and self.high <= high
+
+    def outside(self, low: float, high: float) -> bool:
+        """Whether the whole of this interval lies beyond one of two bounds."""
+        return self.high < low or high < self.low
 
     def text(self, digits: int = 3) -> str:
         """For people: ``4.31 [4.12, 4.52]``."""
@@ -99,13 +104,46 @@ def bootstrap(values: ArrayLike, statistic: Literal["mean", "median"] = "mean") 
     return _interval(float(function(array)), function(array[_draws(array.size, 0)]))
 
 
-def bootstrap_ratio_of_medians(numerator: ArrayLike, denominator: ArrayLike) -> Interval:
-    """Percentile bootstrap of median(numerator) / median(denominator), two independent groups of seeds."""
-    top, bottom = _checked(numerator), _checked(denominator)
-    if not top.size or not bottom.size:
+def paired_difference(first: ArrayLike, second: ArrayLike) -> Interval:
+    """Percentile bootstrap of the mean of first - second, seed by seed.
+
+    The two searches of a seed share the problem and the random numbers, so their difference varies less
+    than the two of them do, and intervals that overlap can hide one that is real.
+
+    Args:
+        first: (n,) one number per seed.
+        second: (n,) of the same seeds; pairs that are not finite are left out.
+    """
+    a, b = _pair(first, second)
+    return bootstrap(a - b)
+
+
+def _pair(first: ArrayLike, second: ArrayLike) -> tuple[FloatArray, FloatArray]:
+    a, b = np.asarray(first, np.float64), np.asarray(second, np.float64)
+    if a.ndim != 1 or a.shape != b.shape:
+        raise InvalidInputError(f"expected one pair of numbers per seed, got shapes {a.shape} and {b.shape}")
+    both = np.isfinite(a) & np.isfinite(b)
+    return a[both], b[both]
+
+
+def paired_ratio_of_medians(numerator: ArrayLike, denominator: ArrayLike) -> Interval:
+    """Percentile bootstrap of median(numerator) / median(denominator); the seeds are drawn in pairs."""
+    top, bottom = _pair(numerator, denominator)
+    if not top.size:
         return Interval(np.nan, np.nan, np.nan)
-    tops, bottoms = median(top[_draws(top.size, 1)]), median(bottom[_draws(bottom.size, 2)])
-    return _interval(float(median(top) / median(bottom)), tops / bottoms)
+    draws = _draws(top.size, 1)
+    return _interval(float(median(top) / median(bottom)), median(top[draws]) / median(bottom[draws]))
+
+
+def wilson(successes: int, n: int) -> Interval:
+    """A share with its Wilson interval, which stays within 0 and 1, and is no point at either end."""
+    if not n:
+        return Interval(np.nan, np.nan, np.nan)
+    z, share = Z_SCORE, successes / n
+    centre = (share + z * z / (2 * n)) / (1 + z * z / n)
+    half = z / (1 + z * z / n) * np.sqrt(share * (1 - share) / n + z * z / (4 * n * n))
+    low, high = max(float(centre - half), 0.0), min(float(centre + half), 1.0)
+    return Interval(share, min(low, share), max(high, share))
 
 
 def bootstrap_slope(sizes: ArrayLike, values: ArrayLike) -> Interval:

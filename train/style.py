@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import functools
+import itertools
 from collections.abc import Callable, Iterable, Sequence
 from pathlib import Path
 from typing import Any, Final, ParamSpec, TypeVar
@@ -81,11 +82,21 @@ _LOOKS: Final[dict[str, tuple[str, str, Any]]] = {
     "goal_distance": ("GoalDistance", "#666666", (0, (1, 1))),
     "uninformed": ("Uninformed", "#999999", (0, (3, 1, 1, 1))),
 }
-_SPARE: Final = ("#AA4499", "#44AA99", "#332288", "#999933", "#661100")
+# So that five lines and more are told apart in print without colours, too.
+_DASHES: Final[tuple[Any, ...]] = (
+    "-",
+    (0, (5, 1)),
+    (0, (2, 1)),
+    (0, (5, 1, 1, 1)),
+    (0, (5, 1, 1, 1, 1, 1)),
+    (0, (8, 1.5, 3, 1.5)),
+)
+MANY_LINES: Final = 5
+_SPARE: Final = ("#AA4499", "#44AA99", "#332288", "#999933", "#661100", "#DDAA33", "#BB5566", "#004488")
 
 
 class Looks:
-    """The label, colour and dash of each guidance in one figure; a name keeps its own in every figure.
+    """The label, colour and dash of each guidance in one figure; a name keeps its colour in every figure.
 
     Args:
         names: Guidances as `make_guidance` takes them, options and sums included.
@@ -103,6 +114,10 @@ class Looks:
                 colour = next(spare)
             taken.add(colour)
             self._looks[name] = (label if name == base else name, colour, dash)
+        if len(self._looks) >= MANY_LINES:
+            plain = [name for name, look in self._looks.items() if look[2] == "-"]
+            for name, dash in zip(plain, itertools.cycle(_DASHES)):
+                self._looks[name] = (*self._looks[name][:2], dash)
 
     def label(self, name: str) -> str:
         """What the reader sees."""

@@ -19,7 +19,7 @@ if TYPE_CHECKING:
 C = TypeVar("C")
 Command = TypeVar("Command", bound=Callable[..., None])
 
-train_app = typer.Typer(help="Train learned guidance (needs the extra [train]).", no_args_is_help=True)
+train_app = typer.Typer(help="Train learned guidance (needs the extra 'train').", no_args_is_help=True)
 
 Config = Annotated[
     Path | None, typer.Option(help="TOML file of options, as a run writes it; options given here win.")
@@ -81,7 +81,9 @@ def need(*packages: str) -> None:
     """
     for package in packages:
         if importlib.util.find_spec(package) is None:
-            raise GuidedGymError(f"training needs {package}: pip install 'guided-gym[train]'")
+            raise GuidedGymError(
+                f"training needs {package}: in a checkout of guided-gym, pip install '.[train]'"
+            )
 
 
 def settings_of(kind: type[C], config: Path | None, given: Mapping[str, Any]) -> C:

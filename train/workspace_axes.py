@@ -8,18 +8,19 @@ import numpy as np
 import shapely
 from matplotlib.axes import Axes
 from matplotlib.collections import LineCollection, PatchCollection
-from matplotlib.colors import LinearSegmentedColormap, LogNorm, Normalize, to_rgb
+from matplotlib.colors import LinearSegmentedColormap, LogNorm, Normalize, to_hex, to_rgb
+from matplotlib.lines import Line2D
 from matplotlib.patches import PathPatch
 from matplotlib.path import Path
 from numpy.typing import NDArray
 
 from guided_gym.envs import palette
 from guided_gym.envs.rendering import spaced
+from guided_gym.geometry.environment import Environment
 from guided_gym.guidance.cells import Uninformed, Voronoi
 from guided_gym.train.style import INK, TARGET_MAP
 
 if TYPE_CHECKING:
-    from guided_gym.geometry.environment import Environment
     from guided_gym.guidance.base import GuidingSpace
     from guided_gym.problems import Problem
     from guided_gym.search.search import Search
@@ -38,7 +39,7 @@ FIELD_CELLS = 160  # along the longer side, of a heuristic drawn as a field
 FIELD_LEVELS = 12
 
 # From the back to the front.
-_CELLS, _OBSTACLES, _FAILURES, _EDGES, _NODES, _PATH, _TASK = range(1, 8)
+_CELLS, _OBSTACLES, _PATH, _FAILURES, _EDGES, _NODES, _TASK = range(1, 8)
 
 
 def draw_workspace(axes: Axes, environment: Environment, colour: str = OBSTACLE) -> None:
@@ -73,14 +74,19 @@ def draw_robot(axes: Axes, problem: Problem, q: FloatArray, colour: str, *, fill
     axes.add_patch(patch)
 
 
-def _mixed(colour: str, share: float) -> tuple[float, ...]:
+def _mixed(colour: str, share: float) -> tuple[float, float, float]:
     """The colour mixed with white."""
-    return tuple(1.0 - share * (1.0 - channel) for channel in to_rgb(colour))
+    red, green, blue = (1.0 - share * (1.0 - channel) for channel in to_rgb(colour))
+    return red, green, blue
 
 
 def _shades(colour: str, first: float, last: float) -> LinearSegmentedColormap:
     """From one share of the colour to another, the rest white."""
     return LinearSegmentedColormap.from_list("shades", [_mixed(colour, first), _mixed(colour, last)])
+
+
+HEAT_MAP = _shades("#B2182B", 0.06, 1.0)
+PALE_PATH = to_hex(_mixed(PATH, 0.42))
 
 
 def draw_task(axes: Axes, problem: Problem) -> None:
@@ -113,11 +119,40 @@ def draw_failures(axes: Axes, tree: SearchTree) -> None:
 
 
 def draw_path(axes: Axes, problem: Problem, path: FloatArray) -> None:
-    """The path found, with the robot along it."""
-    axes.plot(*path[:, :2].T, color="white", linewidth=2.4, zorder=_PATH, solid_joinstyle="round")
-    axes.plot(*path[:, :2].T, color=PATH, linewidth=1.2, zorder=_PATH, solid_joinstyle="round")
+    """The path found, with the robot along it: wide and pale, and below the tree, whose colours mean more."""
+    axes.plot(*path[:, :2].T, color=PALE_PATH, linewidth=4.0, zorder=_PATH, solid_joinstyle="round")
     for q in spaced(problem, path)[1:-1]:
-        draw_robot(axes, problem, q, PATH)
+        draw_robot(axes, problem, q, PALE_PATH)
+
+
+def tree_legend() -> list[Line2D]:
+    """What the marks of a tree's picture mean, for a legend."""
+
+    def mark(label: str, colour: str, **style: Any) -> Line2D:
+        return Line2D([], [], color=colour, label=label, linestyle="none", **style)
+
+    return [
+        mark("start", START, marker="s", markersize=5, markerfacecolor=_mixed(START, 0.35)),
+        mark("goal", GOAL, marker="s", markersize=5, markerfacecolor=_mixed(GOAL, 0.35)),
+        Line2D([], [], color=PALE_PATH, linewidth=4.0, label="path found"),
+        mark("collision", PATH, marker="o", markersize=2.5, alpha=0.4, markeredgewidth=0),
+    ]
+
+
+def draw_heat(
+    axes: Axes, problem: Problem, values: FloatArray, norm: Normalize, *, obstacles: bool = True
+) -> None:
+    """Values (rows, columns) on a grid over the workspace, row by row from below; none where they are 0."""
+    environment = problem.environment
+    xmin, ymin, xmax, ymax = environment.bounds
+    draw_workspace(axes, environment if obstacles else Environment(environment.bounds), PALE_OBSTACLE)
+    axes.imshow(
+        np.ma.masked_equal(values, 0.0), cmap=HEAT_MAP, norm=norm, origin="lower", zorder=_EDGES,
+        extent=(xmin, xmax, ymin, ymax), interpolation="nearest",
+    )  # fmt: skip
+    if obstacles:
+        _outline_obstacles(axes, environment)
+        draw_task(axes, problem)
 
 
 def target_norm(targets: list[FloatArray]) -> LogNorm:

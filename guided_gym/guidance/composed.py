@@ -120,6 +120,7 @@ class Composed(GuidingSpace):
     def _count_looks(self, before: int = 0) -> None:
         """Whatever the solver looked at is counted among the search's collision checks."""
         self.search.collision_checks += self.solver.looks - before
+        self.search.looks += self.solver.looks - before
 
     def project(self, tree: SearchTree, q: Floats) -> Floats:
         """P: (n, d) configurations to (n, d') states of C'."""
@@ -130,6 +131,8 @@ class Composed(GuidingSpace):
         before = self.solver.looks
         h = self.solver(states)
         self._count_looks(before)
+        if getattr(self.solver, "sees", False):
+            self.search.looks += len(states)
         return h
 
     def costs(self, tree: SearchTree) -> Floats:
@@ -220,6 +223,7 @@ class Composed(GuidingSpace):
 
     def _valid(self, states: Floats) -> NDArray[np.bool_]:
         self.search.collision_checks += len(states)
+        self.search.looks += len(states)
         valid: NDArray[np.bool_] = np.asarray(self.space.valid(np.ascontiguousarray(states)))
         return valid
 

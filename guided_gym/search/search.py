@@ -119,6 +119,7 @@ class Search:
         self.listeners: list[Listener] = []
         self.samples = 0
         self.collision_checks = 0
+        self.looks = 0  # of the guiding space at the workspace, or at a raster of it
         self.last: Expansion | None = None  # what became of the latest sample
         self._reached: list[tuple[int, float]] = []  # nodes that reach the goal, and the way from there
         if problem.begins_solved:

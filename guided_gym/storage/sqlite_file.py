@@ -35,12 +35,14 @@ class FileFormat:
         application_id: Number in the SQLite header that no other program uses.
         version: Version of the schema.
         schema: SQL statements that make the empty tables.
+        remedy: What to do about a file of another version, for the message.
     """
 
     name: str
     application_id: int
     version: int
     schema: Sequence[str]
+    remedy: str = ""
 
 
 def connect(
@@ -178,7 +180,10 @@ def _check(connection: sqlite3.Connection, path: Path | None, kind: FileFormat) 
             f"got another program's SQLite file (application id {application:#x})"
         )
     if version != kind.version:
-        raise StorageError(f"expected a {kind.name} of version {kind.version} at {path}, got {version}")
+        remedy = f"; {kind.remedy}" if kind.remedy else ""
+        raise StorageError(
+            f"expected a {kind.name} of version {kind.version} at {path}, got version {version}{remedy}"
+        )
     require_sound(connection, path, kind, "quick_check")
 
 

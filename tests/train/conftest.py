@@ -32,11 +32,16 @@ def synthetic_run(
         "collision_checks": 2 * samples,
         "seconds": 1e-3 * samples,
         "preparation": 2e-3,
+        "processor": 1e-3 * samples,
+        "looks": 3 * samples,
         "path_cost": 10.0 if solved else float("nan"),
         "optimum": 9.0,
         "divergence": float("nan"),
         "jensen_shannon": float("nan"),
+        "entropy": 1.5,
         "curve": np.full(samples, efficiency, np.float32),
+        "best": np.full(samples, 1.0 / max(samples, 1), np.float32),
+        "cells": np.zeros(samples, np.uint16),
     }
     values |= changes
     regions = {"elsewhere": (samples * efficiency, samples)} if regions is None else regions

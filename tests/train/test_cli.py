@@ -15,7 +15,7 @@ from guided_gym.errors import GuidedGymWarning
 from guided_gym.guidance.learned.agent import agent_folder, shipped_agents
 from guided_gym.registration import SELECTIONS
 from guided_gym.train import cli
-from guided_gym.train.results import RESULTS_FILE
+from guided_gym.train.results import RESULTS_FILE, ResultsFile
 
 runner = CliRunner()
 COMMAND = ["evaluate", "--env", "Cup", "--workers", "1", "--max-samples", "60", "--seeds", "2"]
@@ -30,7 +30,7 @@ def invoke(*arguments: object) -> tuple[int, str, str]:
 def test_help__names_every_command() -> None:
     code, out, _ = invoke("--help")
     assert code == 0
-    for command in ("list", "evaluate", "reproduce", "database", "doctor", "--version"):
+    for command in ("list", "evaluate", "single-step", "reproduce", "database", "doctor", "--version"):
         assert command in out
 
 
@@ -77,7 +77,8 @@ def test_evaluate__prints_the_table_and_writes_the_files(tmp_path: Path) -> None
     for text in ("Cup, 2 seeds", "goal_distance", "SE per sample", "best possible", RESULTS_FILE):
         assert text in out
     rows = json.loads((tmp_path / "table.json").read_text())
-    assert [row["guidance"] for row in rows] == ["rrt", "goal_distance"]
+    assert {row["guidance"] for row in rows} == {"rrt", "goal_distance"}
+    assert [row["rank"] for row in rows] == [1, 2]
     assert rows[0]["samples_mean_low"] <= rows[0]["samples_mean"] <= rows[0]["samples_mean_high"]
     with (tmp_path / "table.csv").open() as file:
         assert [row["environment"] for row in csv.DictReader(file)] == ["Cup", "Cup"]
@@ -88,9 +89,39 @@ def test_evaluate__prints_the_table_and_writes_the_files(tmp_path: Path) -> None
 def test_evaluate__draws(tmp_path: Path) -> None:
     code, out, _ = invoke(*COMMAND, "--guidance", "rrt,hybrid", "--out", tmp_path)
     assert code == 0
-    assert "figures/ (8 files)" in out
+    assert "figures/ (12 files)" in out
     drawn = {path.name for path in (tmp_path / "figures").glob("*.png")}
-    assert drawn == {f"Cup-{what}.png" for what in ("efficiency", "regions", "trees", "guiding-spaces")}
+    kinds = ("efficiency", "regions", "places", "cost", "trees", "guiding-spaces")
+    assert drawn == {f"Cup-{what}.png" for what in kinds}
+
+
+def test_evaluate__by_a_protocol_rewired_and_normalised_by_the_tree(tmp_path: Path, monkeypatch) -> None:
+    monkeypatch.chdir(tmp_path)
+    command = [*COMMAND, "--guidance", "rrt,oracle", "--protocol", "selection", "--no-figures"]
+    code, out, _ = invoke(*command, "--rewire", "--normalisation", "tree")
+    assert code == 0
+    assert "Least excess SE" in " ".join(out.split())
+    assert (tmp_path / "results" / "Cup-selection" / RESULTS_FILE).exists()
+    with ResultsFile.in_folder(tmp_path / "results" / "Cup-selection") as file:
+        (content,) = file._connection.execute("SELECT DISTINCT content FROM settings LIMIT 1").fetchone()
+    settings = json.loads(content)["settings"]
+    assert (settings["protocol"], settings["rewire"]) == ("selection", True)
+    assert settings["target"]["normalisation"] == "tree"
+    assert invoke(*COMMAND, "--guidance", "rrt", "--protocol", "expansion", "--no-figures")[0] == 0
+
+
+def test_single_step__prints_and_writes(tmp_path: Path) -> None:
+    command = ["single-step", "--env", "Cup", "--guidance", "rrt,oracle", "--from", "uninformed"]
+    options = ["--seeds", 2, "--workers", 1, "--max-samples", 40, "--out", tmp_path]
+    code, out, _ = invoke(*command, *options)
+    assert code == 0
+    assert "single steps on 8 trees of 2 seeds" in out
+    rows = json.loads((tmp_path / "single-step.json").read_text())
+    assert [row["guidance"] for row in rows] == ["rrt", "oracle"]
+
+
+def test_help__names_the_extra() -> None:
+    assert "needs the extra 'train'" in " ".join(invoke("train", "--help")[1].split())
 
 
 @pytest.mark.parametrize(
@@ -108,6 +139,8 @@ def test_evaluate__draws(tmp_path: Path) -> None:
         (["evaluate", "--env", "Cup", "--guidance", "rrt@goal_bias=nan"], "goal_bias: expected a finite"),
         (["evaluate", "--env", "Cup", "--guidance", "lazy_prm@vertices=abc"], "expected an integer"),
         (["evaluate", "--env", "Cup", "--expansion", "unifrom"], "did you mean 'uniform'"),
+        (["evaluate", "--env", "Cup", "--protocol", "both"], "protocol: expected one of whole, selection"),
+        (["evaluate", "--env", "Cup", "--normalisation", "none"], "normalisation: expected 'start' or"),
         (["evaluate", "--env", "Cup", "--workers", "0"], "workers: expected an integer, at least 1"),
         (["evaluate", "--env", "Cup", "--guidance", "rrt", "--database", __file__], "expected path_database"),
         (["reproduce", "--seeds", "0"], "seeds: expected an integer, at least 1"),

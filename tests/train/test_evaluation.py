@@ -16,7 +16,7 @@ import shapely
 
 from guided_gym.catalogue import table
 from guided_gym.catalogue.distributions import ProblemList
-from guided_gym.catalogue.table import make_distribution
+from guided_gym.catalogue.table import make_distribution, register_distribution
 from guided_gym.errors import InvalidInputError, NoPathError, StorageError, UnknownNameError
 from guided_gym.geometry.environment import Environment
 from guided_gym.geometry.robots import Robot
@@ -336,3 +336,51 @@ def test_interrupt__keeps_what_is_done_and_says_how_to_go_on(tmp_path: Path) -> 
     assert "The same command goes on from there" in errors
     assert "Traceback" not in errors
     assert 0 < len(stored(tmp_path)) < 120
+
+
+class Blemished(ProblemList):
+    """Of four problems, the first starts in collision and the third has no path."""
+
+    name = "Blemished"
+    summary = "Two of four are no use."
+
+    def __len__(self) -> int:
+        return 4
+
+    def __getitem__(self, index: int) -> Problem:
+        walls = [shapely.box(1.5, -0.1, 2.5, 4.1 if index == 2 else 3.0)]
+        start = (2.0, 1.0) if index == 0 else (1.0, 1.0)
+        return Problem(
+            Robot.point(), Environment((0, 0, 4, 4), tuple(walls)), Task(start, (3, 1)), "Blemished"
+        )
+
+
+def test_problems_that_are_no_use__are_skipped_counted_and_named(tmp_path: Path) -> None:
+    register_distribution("Blemished", Blemished, replace=True)
+    for _ in range(2):  # the second time, from the file
+        results = evaluate("Blemished", ["rrt", "goal_distance"], seeds=4, settings=SHORT, out=tmp_path)
+        assert [(run.guidance, run.seed) for run in results.runs] == [
+            ("rrt", 1), ("rrt", 3), ("goal_distance", 1), ("goal_distance", 3)
+        ]  # fmt: skip
+        assert list(results.skipped["Blemished"]) == [0, 2]
+        assert "in collision" in results.skipped["Blemished"][0]
+        assert "path" in results.skipped["Blemished"][2]
+    with pytest.raises(InvalidInputError, match="in collision"):  # nothing is left
+        evaluate("Blemished", "rrt", seeds=[0, 2], settings=SHORT, out=tmp_path / "none")
+    assert not (tmp_path / "none").exists()
+
+
+def test_runs__say_what_they_cost_and_where(tmp_path: Path) -> None:
+    results = evaluate("Cup", ["rrt", "lazy_prm", "oracle"], seeds=2, settings=SHORT)
+    for run in results.runs:
+        assert run.excess_efficiency == pytest.approx(run.total_efficiency - run.best_possible)
+        assert run.best.shape == run.cells.shape == run.curve.shape == (run.samples,)
+        assert run.best.sum() == pytest.approx(run.best_possible, rel=1e-5)
+        assert run.processor >= 0
+        assert 0 < run.entropy <= np.log(run.samples)
+        assert run.cells.max() < 24 * 24
+    assert (results.values("Cup", "rrt", "looks") == 0).all()
+    assert (results.values("Cup", "oracle", "looks") > 0).all()
+    total, excess = results.by_cell("Cup", "rrt", (24, 24))
+    assert total.sum() == pytest.approx(results.values("Cup", "rrt", "total_efficiency").mean(), rel=1e-5)
+    assert excess.sum() == pytest.approx(results.values("Cup", "rrt", "excess_efficiency").mean(), rel=1e-5)

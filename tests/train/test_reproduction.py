@@ -10,8 +10,8 @@ import pytest
 from typer.testing import CliRunner
 
 from guided_gym.train import claims, cli, drawing, reproduction
-from guided_gym.train.claims import all_claims
-from guided_gym.train.reproduction import paper_plans
+from guided_gym.train.claims import paper_claims
+from guided_gym.train.reproduction import OWN_TITLE, PAPER_TITLE, paper_plans
 
 SIZES = (2, 3, 4)
 
@@ -31,7 +31,7 @@ def test_plans__are_the_papers() -> None:
     assert {plan.settings.max_samples for plan in plans} == {1000}
     targets = {(t.epsilon, t.delta, t.tau) for t in (plan.settings.target for plan in plans)}
     assert targets == {(1e-4, 0.1, 0.1)}
-    needed = {key for claim in all_claims() for key in claim.needs}
+    needed = {key for claim in paper_claims() for key in claim.needs}
     assert needed <= {(plan.environment, plan.spec.label) for plan in plans}
     assert len(paper_plans(Path("paths.sqlite"), baselines=True)) == len(plans) + 4 * 2
 
@@ -43,9 +43,12 @@ def test_reproduce__runs_checks_draws_and_resumes(tmp_path: Path) -> None:
     assert result.exit_code == 0, result.output
     assert "holds" in result.stdout
     written = json.loads((tmp_path / "claims.json").read_text())
-    assert len(written) == len(all_claims())
-    assert {row["verdict"] for row in written} <= {"holds", "does not hold"}
-    assert (tmp_path / "claims.md").read_text().count("\n") == len(written) + 2
+    assert [row["of"] for row in written].count("paper") == len(paper_claims())
+    assert {row["verdict"] for row in written} <= {"holds", "does not hold", "open"}
+    assert all(row["words"] for row in written if row["of"] == "paper")
+    page = (tmp_path / "claims.md").read_text()
+    assert page.count("\n| ") == len(written) + 2  # and a head for each of the two tables
+    assert PAPER_TITLE in page and OWN_TITLE in page
     drawn = {path.stem for path in (tmp_path / "figures").glob("*.png")}
     assert {"problems", "rrt-efficiency", "TrapCup-regions", "database", "paper-trees"} <= drawn
     again = CliRunner().invoke(cli.app, [*command, "--no-figures"])

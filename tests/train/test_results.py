@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 from guided_gym.errors import InvalidInputError, StorageError
-from guided_gym.train.results import RESULTS_FILE, Results, ResultsFile, Run
+from guided_gym.train.results import RESULTS_FILE, Results, ResultsFile, Run, grid_cells, grid_shape
 
 MakeRun = Callable[..., Run]
 
@@ -29,6 +29,12 @@ def test_file__gives_back_what_was_added(tmp_path: Path, make_run: MakeRun) -> N
     assert stored[0].solved and not stored[1].solved
     assert math.isnan(stored[1].path_cost)
     assert stored[0].efficiency_per_sample == pytest.approx(run.total_efficiency / 3)
+
+
+def test_file__takes_minus_zero(make_run: MakeRun) -> None:
+    with ResultsFile(None) as file:
+        file.add([make_run(entropy=-0.0, total_efficiency=-0.0, processor=-0.0)])
+        assert file.runs("Cup", "rrt", "s", [0])[0].entropy == 0.0
 
 
 def test_file__keeps_the_first_of_two_equal_keys(make_run: MakeRun) -> None:
@@ -91,6 +97,54 @@ def test_results__regions_that_a_run_lacks_count_zero(make_run: MakeRun) -> None
     runs = (make_run(regions={"a": (1.0, 1)}), make_run(seed=1, regions={"a": (2.0, 1), "b": (3.0, 1)}))
     by_region = Results(runs, 5).by_region("Cup", "rrt")
     assert {name: sums.tolist() for name, sums in by_region.items()} == {"a": [1.0, 2.0], "b": [0.0, 3.0]}
+
+
+def test_results__say_who_is_still_searching_and_who_is_done(make_run: MakeRun) -> None:
+    runs = (make_run(samples=2), make_run(seed=1, samples=4, solved=False))
+    results = Results(runs, max_samples=4)
+    np.testing.assert_array_equal(results.survivors("Cup", "rrt"), [[2, 2, np.nan, np.nan], [2, 2, 2, 2]])
+    solved = results.solved_after("Cup", "rrt")
+    assert solved.tolist() == [[False, False, True, True, True], [False] * 5]
+
+
+def test_run__path_over_the_optimum(make_run: MakeRun) -> None:
+    assert make_run(path_cost=10.0, optimum=8.0).path_ratio == 1.25
+    assert math.isnan(make_run(solved=False).path_ratio)
+    assert make_run(path_cost=0.0, optimum=0.0).path_ratio == 1.0
+
+
+def test_grid__cells_are_square_and_the_edge_takes_what_lies_outside() -> None:
+    bounds = (0.0, 0.0, 48.0, 24.0)
+    assert grid_shape(bounds) == (12, 24)
+    at = np.array([[0.0, 0.0], [47.9, 0.1], [0.1, 2.1], [48.0, 24.0], [-5.0, 99.0]])
+    assert grid_cells(at, bounds).tolist() == [0, 23, 24, 287, 264]
+
+
+def test_results__by_cell_add_up(make_run: MakeRun) -> None:
+    cells, curve = np.array([0, 3, 3], np.uint16), np.array([1, 2, 4], np.float32)
+    run = make_run(samples=3, cells=cells, curve=curve, best=np.array([1, 1, 1], np.float32))
+    other = make_run(seed=1, samples=0)
+    total, excess = Results((run, other), 5).by_cell("Cup", "rrt", (2, 2))
+    assert total.tolist() == [[0.5, 0.0], [0.0, 3.0]]
+    assert excess.tolist() == [[0.0, 0.0], [0.0, 2.0]]
+
+
+def test_file__of_an_older_version_says_what_to_do(tmp_path: Path, make_run: MakeRun) -> None:
+    with ResultsFile.in_folder(tmp_path) as file:
+        file.add([make_run()])
+    with sqlite3.connect(tmp_path / RESULTS_FILE) as connection:
+        connection.execute("PRAGMA user_version = 1")
+    connection.close()
+    with pytest.raises(StorageError, match=r"version 3 .* got version 1; .* choose another folder"):
+        ResultsFile.in_folder(tmp_path)
+
+
+def test_file__keeps_what_was_left_out(tmp_path: Path) -> None:
+    with ResultsFile.in_folder(tmp_path) as file:
+        file.skip([("Cup", "rrt", 3, "s", "no path"), ("Cup", "rrt", 3, "s", "again")])
+        assert file.skipped("Cup", "rrt", "s") == {3: "no path"}
+        assert file.seeds("Cup", "rrt", "s") == {3}
+        assert file.skipped("Cup", "rrt", "other") == {}
 
 
 def test_results__unknown_group(make_run: MakeRun) -> None:

@@ -12,22 +12,21 @@ from guided_gym.errors import InvalidInputError
 from guided_gym.train.statistics import (
     Interval,
     bootstrap,
-    bootstrap_ratio_of_medians,
     bootstrap_slope,
     falling_trend,
+    paired_difference,
+    paired_ratio_of_medians,
     significant,
+    wilson,
 )
 
 samples = arrays(np.float64, st.integers(1, 30), elements=st.floats(-1e6, 1e6))
 
 
-def test_intervals__below_and_overlapping() -> None:
+def test_intervals__below() -> None:
     low, high, middle = Interval(1, 0, 2), Interval(5, 4, 6), Interval(3, 2, 4)
     assert low.below(high)
     assert not high.below(low)
-    assert not low.overlaps(high)
-    assert low.overlaps(middle)
-    assert middle.overlaps(high)
     assert not low.below(middle)  # they touch
 
 
@@ -69,10 +68,52 @@ def test_bootstrap__stays_within_the_values_and_repeats_itself(values: np.ndarra
 
 
 def test_ratio_of_medians__by_hand() -> None:
-    assert bootstrap_ratio_of_medians([4.0, 4.0, 4.0], [2.0, 2.0]) == Interval(2.0, 2.0, 2.0)
-    ratio = bootstrap_ratio_of_medians([1.0, 2.0, 3.0], [4.0, 4.0])
-    assert ratio.estimate == 0.5
-    assert (ratio.low, ratio.high) == (0.25, 0.75)
+    assert paired_ratio_of_medians([4.0, 4.0, 4.0], [2.0, 2.0, 2.0]) == Interval(2.0, 2.0, 2.0)
+    # Drawn in pairs, each twice the other: so is every resample's median.
+    values = np.array([1.0, 5.0, 2.0, 9.0])
+    assert paired_ratio_of_medians(2 * values, values) == Interval(2.0, 2.0, 2.0)
+
+
+def test_paired_difference__is_that_of_pairs() -> None:
+    values = np.random.default_rng(0).normal(50.0, 20.0, 30)
+    assert paired_difference(values + 1.0, values).low == pytest.approx(1.0)
+    assert paired_difference([1.0, np.nan, 3.0], [0.0, 0.0, np.inf]) == Interval(1.0, 1.0, 1.0)
+    assert np.isnan(paired_difference([], []).estimate)
+    with pytest.raises(InvalidInputError, match="pair of numbers per seed"):
+        paired_difference([1.0, 2.0], [1.0])
+
+
+def test_paired_difference__covers_the_truth_as_often_as_it_says() -> None:
+    rng = np.random.default_rng(1)
+    hits = 0
+    for _ in range(200):
+        shared = rng.exponential(10.0, 60)
+        first, second = shared + rng.normal(0.3, 1.0, 60), shared + rng.normal(0.0, 1.0, 60)
+        interval = paired_difference(first, second)
+        hits += interval.low <= 0.3 <= interval.high
+    assert hits >= 180  # 190 are expected; fewer than 180 come by chance once in a thousand times
+
+
+@pytest.mark.parametrize(
+    ("successes", "n", "low", "high"),
+    # Brown, Cai and DasGupta (2001): (p + z^2 / 2n -+ z sqrt(p q / n + z^2 / 4n^2)) / (1 + z^2 / n), by hand.
+    [(0, 10, 0.0, 0.2775), (10, 10, 0.7225, 1.0), (5, 10, 0.2366, 0.7634), (123, 128, 0.9118, 0.9832)],
+)
+def test_wilson__by_hand(successes: int, n: int, low: float, high: float) -> None:
+    interval = wilson(successes, n)
+    assert interval.estimate == successes / n
+    assert interval.low == pytest.approx(low, abs=1e-4)
+    assert interval.high == pytest.approx(high, abs=1e-4)
+    assert np.isnan(wilson(0, 0).estimate)
+
+
+def test_interval__within_and_outside_of_bounds() -> None:
+    interval = Interval(1.0, 0.5, 1.5)
+    assert interval.within(0.5, 1.5)
+    assert not interval.within(0.6, 2.0)
+    assert interval.outside(2.0, 3.0)
+    assert interval.outside(0.0, 0.4)
+    assert not interval.outside(0.0, 1.0)
 
 
 @pytest.mark.parametrize("power", [0.0, 0.5, 1.0, 2.0])

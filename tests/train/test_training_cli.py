@@ -102,7 +102,7 @@ def test_tensorboard_that_is_not_there_is_refused(
 ) -> None:
     hide("tensorboard")
     said = refusal(tmp_path, monkeypatch, training, "RandomSimplePassage", "--tensorboard")
-    assert "pip install 'guided-gym[train]'" in said
+    assert "pip install '.[train]'" in said
 
 
 @pytest.mark.parametrize("training", TRAININGS)
@@ -111,7 +111,7 @@ def test_torch_that_is_not_there_is_refused(
 ) -> None:
     hide("torch")
     said = refusal(tmp_path, monkeypatch, training, "RandomSimplePassage")
-    assert "pip install 'guided-gym[train]'" in said
+    assert "pip install '.[train]'" in said
 
 
 REINFORCEMENT = """

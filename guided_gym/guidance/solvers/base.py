@@ -36,7 +36,9 @@ class CostToGo(Protocol):
     except where a solver that sees no way at all any more begins anew on a finer scale.
 
     Attributes:
-        looks: Poses and motions that it has checked for collision since `begin`.
+        looks: Poses and motions that it has checked for collision since `begin`. What it finds by looking at
+            E' in another way (a raster, an oracle) is no check; a class attribute ``sees = True`` says that
+            each state whose h it tells is looked at so.
     """
 
     looks: int

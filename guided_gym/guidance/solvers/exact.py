@@ -17,6 +17,7 @@ class Exact:
     """
 
     looks = 0
+    sees = True  # poses in collision have no way
 
     def begin(self, query: Query, rng: np.random.Generator, step: float) -> None:
         """Solve, or load, the oracle; without a valid goal or a path no state has a way."""

@@ -327,6 +327,7 @@ class Wave:
     """
 
     looks: int
+    sees = True  # each pose is looked up in the grid
 
     def __init__(self, *, cells: int = 56, headings: int = 16, blocked: float = 300.0) -> None:
         check_grid(cells, headings)

@@ -217,3 +217,129 @@ def test_divergences__refuse_distributions_over_different_trees() -> None:
     for divergence in (sampling_efficiency, jensen_shannon):
         with pytest.raises(InvalidInputError, match="same nodes"):
             divergence([1.0], [0.5, 0.5])
+
+
+@pytest.mark.parametrize("divergence", [sampling_efficiency, jensen_shannon])
+@pytest.mark.parametrize(
+    ("wrong", "name"),
+    [
+        ([math.nan, 1.0], "P"),
+        ([-0.5, 1.5], "P"),
+        ([0.5, 0.6], "P"),
+        ([2.0, 3.0], "P"),
+        ([0.0, 0.0], "P"),
+        ([math.inf, 0.0], "P"),
+        ([], "P"),
+    ],
+)
+def test_divergences__refuse_what_is_no_distribution(divergence, wrong: list[float], name: str) -> None:
+    good = np.full(len(wrong), 1 / max(len(wrong), 1))
+    with pytest.raises(InvalidInputError, match=f"{name}: expected probabilities"):
+        divergence(wrong, good)
+    if wrong:
+        with pytest.raises(InvalidInputError, match="Q: expected probabilities"):
+            divergence(good, wrong)
+
+
+def test_divergences__take_single_precision() -> None:
+    weights = np.random.default_rng(0).random(5000).astype(np.float32)
+    p = weights / weights.sum()
+    assert sampling_efficiency(p, p[::-1]) > 0
+    assert 0 < jensen_shannon(p, p[::-1]) < math.log(2)
+
+
+def test_divergences__at_the_least_positive_number() -> None:
+    tiny = 5e-324  # half of it is 0
+    assert jensen_shannon([tiny, 1.0], [0.0, 1.0]) == 0.0
+    assert jensen_shannon([0.0, 1.0], [tiny, 1.0]) == 0.0
+    assert sampling_efficiency([tiny, 1.0], [tiny, 1.0]) == 0.0
+    assert sampling_efficiency([tiny, 1.0], [0.0, 1.0]) == math.inf
+
+
+@pytest.mark.parametrize(
+    ("delta", "tau", "scale", "message"),
+    [
+        ([0.0, 0.0], [math.inf, math.inf], 1.0, "can reach the goal"),
+        ([math.inf, math.inf], [1.0, 2.0], 1.0, "can reach the goal"),
+        ([math.inf, 0.0], [1.0, math.inf], 1.0, "can reach the goal"),
+        ([0.0, 1.0], [1.0], 1.0, "same nodes"),
+        ([0.0], [1.0, 2.0], 1.0, "same nodes"),
+        (0.0, 1.0, 1.0, "one length per node"),
+        ([], [], 1.0, "one length per node"),
+        ([[0.0]], [[1.0]], 1.0, "one length per node"),
+        ([0.0, -0.1], [1.0, 2.0], 1.0, "delta: expected lengths >= 0, got -0.1 for node 1"),
+        ([0.0, 0.1], [math.nan, 2.0], 1.0, "tau: expected lengths >= 0, got nan for node 0"),
+        ([0.0, 0.1], [1.0, 2.0], -1.0, "scale"),
+        ([0.0, 0.1], [1.0, 2.0], math.nan, "scale"),
+        ([0.0, 0.1], [1.0, 2.0], math.inf, "scale"),
+    ],
+)
+@pytest.mark.parametrize("normalisation", ["start", "tree"])
+def test_target__refuses_what_is_no_tree(delta, tau, scale: float, message: str, normalisation: str) -> None:
+    with pytest.raises(InvalidInputError, match=message):
+        target(delta, tau, scale, TargetParameters(normalisation=normalisation))
+
+
+@pytest.mark.parametrize(
+    ("weights", "epsilon", "message"),
+    [
+        ([0.0, 0.0], 0.1, "weights"),
+        ([1.0, -0.1], 0.1, "weights"),
+        ([1.0, math.nan], 0.1, "weights"),
+        ([1.0, math.inf], 0.1, "weights"),
+        ([], 0.1, "weights"),
+        ([1.0], -0.1, "epsilon"),
+        ([1.0], 1.0, "epsilon"),
+        ([1.0], math.nan, "epsilon"),
+    ],
+)
+def test_smooth__refuses_what_is_no_weight(weights: list[float], epsilon: float, message: str) -> None:
+    with pytest.raises(InvalidInputError, match=message):
+        smooth(np.array(weights), epsilon)
+
+
+def test_smooth__of_weights_whose_sum_overflows() -> None:
+    assert smooth(np.array([1e308, 1e308, 5e307]), 0.0) == pytest.approx([0.4, 0.4, 0.2])
+    assert smooth(np.array([5e-324, 0.0]), 0.1) == pytest.approx([0.9, 0.1])
+
+
+@pytest.mark.parametrize(
+    ("q", "node"), [([0.5, 0.5], 2), ([0.5, 0.5], -1), ([math.nan], 0), ([1.5], 0), ([-0.1, 1.1], 0)]
+)
+def test_choice_efficiency__refuses_what_is_no_choice(q: list[float], node: int) -> None:
+    with pytest.raises(InvalidInputError, match="expected"):
+        choice_efficiency(np.array(q), node)
+
+
+@pytest.mark.parametrize(
+    ("samples", "bins", "bounds", "message"),
+    [
+        ([[math.nan, math.nan]] * 3, 2, [[0, 2], [0, 2]], "3 of 3 outside"),
+        ([[0.5, math.inf], [1, 1]], 2, [[0, 2], [0, 2]], "1 of 2 outside"),
+        ([[0.5, 2.1]], 2, [[0, 2], [0, 2]], "outside"),
+        (np.zeros((0, 2)), 2, [[0, 2], [0, 2]], "samples: expected shape"),
+        ([0.5, 0.5], 2, [[0, 2], [0, 2]], "samples: expected shape"),
+        ([[0.5]], 2, [[0, 2], [0, 2]], "bounds"),
+        ([[0.5]], 2, [[2, 0]], "bounds"),
+        ([[0.5]], 2, [[0, math.nan]], "bounds"),
+        ([[0.5]], 0, [[0, 2]], "bins"),
+    ],
+)
+def test_entropy__refuses_what_has_none(samples, bins: int, bounds, message: str) -> None:
+    with pytest.raises(InvalidInputError, match=message):
+        entropy(samples, bins, bounds)
+
+
+def test_entropy__of_many_cells_needs_no_memory_for_those_that_are_empty() -> None:
+    samples = np.random.default_rng(0).random((100, 3))
+    assert entropy(samples, 10**6, [[0, 1]] * 3) == pytest.approx(math.log(100))
+    assert entropy([[0.0], [1.0]], 1, [[0, 1]]) == 0.0  # the upper bound lies in the last cell
+
+
+@quick
+@given(st.integers(1, 50), st.integers(1, 5), st.integers(1, 3))
+def test_entropy__agrees_with_a_histogram(m: int, bins: int, d: int) -> None:
+    samples = np.random.default_rng(m).random((m, d))
+    counts, _ = np.histogramdd(samples, bins, [(0.0, 1.0)] * d)
+    p = counts[counts > 0] / m
+    assert entropy(samples, bins, [[0.0, 1.0]] * d) == pytest.approx(-np.sum(p * np.log(p)), abs=1e-12)

@@ -8,7 +8,7 @@ from collections.abc import Callable
 import numpy as np
 import pytest
 
-from guided_gym.errors import NoPathError
+from guided_gym.errors import InvalidInputError, NoPathError
 from guided_gym.measure.oracle import oracle_for
 from guided_gym.measure.target import Measure, suboptimality, target
 from guided_gym.options import TargetParameters
@@ -74,3 +74,10 @@ def test_measure__keeps_up_with_the_tree(walled: Walled) -> None:
 def test_measure__refuses_a_problem_without_a_path(closed: Problem) -> None:
     with pytest.raises(NoPathError):
         Measure(Search(closed, *streams(0)[1:]))
+
+
+@pytest.mark.parametrize(("node", "size"), [(-1, None), (10**6, None), (5, 5), (0, 10**6), (0, 0)])
+def test_choice__of_no_node(walled: Walled, node: int, size: int | None) -> None:
+    measure = Measure(grown(walled("point"), 30))
+    with pytest.raises(InvalidInputError, match="expected a node"):
+        measure.choice(node, size)
