@@ -13,7 +13,7 @@ from guided_gym.catalogue.table import make_distribution
 from guided_gym.planning import guided_search
 
 PROBLEMS: Final = ("TrapCup", "HardStickMaze", "RandomPointMaze")
-"""A body that turns, a segment and a point: kernels are compiled for each number of dimensions, where it matters."""
+"""A body that turns, a segment and a point."""
 GUIDANCES: Final = (
     "rrt",
     "uninformed",

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import hashlib
 import os
 import sys
 import time
@@ -29,8 +30,8 @@ class CompileLock(event.Listener):
     the kernel has been kept, or could not be compiled. What a kernel calls compiles within it. The lock is
     the operating system's, so it goes with the process that holds it.
 
-    Meanwhile LLVM does not look for loops to vectorise: it finds few in kernels that branch at every turn, and
-    looking takes a third of the time.
+    Meanwhile LLVM does not look for loops to vectorise: it finds few in kernels that branch at every turn,
+    and looking takes a third of the time.
     """
 
     def __init__(self) -> None:
@@ -103,17 +104,30 @@ def _ours(function: object) -> bool:
     return str(getattr(function, "__module__", "")).startswith("guided_gym.")
 
 
+def sources_stamp(folder: Path) -> str:
+    """A digest of all sources in a folder.
+
+    numba keeps a kernel until its own file changes; what it calls is compiled into it, from other files, too.
+    """
+    digest = hashlib.sha256()
+    for path in sorted(folder.glob("*.py")):
+        digest.update(path.name.encode() + b"\0" + path.read_bytes())
+    return digest.hexdigest()
+
+
+_WRAPPED: Final = ("load_overload", "save_overload", "_index_key")
 _lock: CompileLock | None = None
 
 
 def share_compilation() -> None:
     """Have processes that compile our kernels wait for each other; a second call changes nothing.
 
-    numba has no hook between a miss of its cache and compilation, so its cache's two methods are wrapped, for
-    our functions only. Where this version of numba has others, nothing is done.
+    numba has no hook between a miss of its cache and compilation, so its cache's methods are wrapped, for our
+    functions only; what it keeps is also told apart by the sources of all kernels, not by those of one file.
+    Where this version of numba has other methods, nothing is done.
     """
     global _lock
-    if _lock is not None or not all(hasattr(caching.Cache, n) for n in ("load_overload", "save_overload")):
+    if _lock is not None or not all(hasattr(caching.Cache, n) for n in _WRAPPED):
         return
     lock = _lock = CompileLock()
     load, save = caching.Cache.load_overload, caching.Cache.save_overload
@@ -135,6 +149,13 @@ def share_compilation() -> None:
             if _ours(getattr(self, "_py_func", None)):
                 lock.done()
 
+    key, stamp = caching.Cache._index_key, sources_stamp(Path(__file__).parents[1] / "kernels")
+
+    def index_key(self: Any, signature: Any, codegen: Any) -> Any:
+        own = key(self, signature, codegen)  # type: ignore[no-untyped-call]
+        return (*own, stamp) if _ours(getattr(self, "_py_func", None)) else own
+
+    caching.Cache._index_key = index_key  # type: ignore[method-assign]
     caching.Cache.load_overload = load_overload  # type: ignore[method-assign]
     caching.Cache.save_overload = save_overload  # type: ignore[method-assign]
     event.register("numba:compile", lock)  # type: ignore[no-untyped-call]

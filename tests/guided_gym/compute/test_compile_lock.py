@@ -5,9 +5,11 @@ from __future__ import annotations
 import os
 import subprocess
 import sys
+from pathlib import Path
 from types import SimpleNamespace
 
 import pytest
+from numba import njit
 from numba.core import config, event
 
 from guided_gym.compute import compile_lock
@@ -109,3 +111,26 @@ def test_numba_s_setting_is_another_only_while_kernels_compile(lock, tmp_path, m
     assert config.LOOP_VECTORIZE == 0
     lock.done()
     assert config.LOOP_VECTORIZE == 7
+
+
+def test_what_is_kept_is_told_apart_by_the_sources_of_all_kernels(tmp_path):
+    (tmp_path / "a.py").write_text("one")
+    (tmp_path / "b.py").write_text("two")
+    first = compile_lock.sources_stamp(tmp_path)
+    assert compile_lock.sources_stamp(tmp_path) == first
+    (tmp_path / "b.py").write_text("2")
+    assert compile_lock.sources_stamp(tmp_path) != first
+
+
+def test_the_stamp_is_part_of_the_key_of_our_kernels_alone():
+    from guided_gym.kernels.metric import separation
+
+    stamp = compile_lock.sources_stamp(Path(compile_lock.__file__).parents[1] / "kernels")
+    codegen = separation.targetctx.codegen()
+    assert separation._cache._index_key((), codegen)[-1] == stamp
+    theirs = njit(cache=True)(_theirs)
+    assert stamp not in theirs._cache._index_key((), codegen)
+
+
+def _theirs():
+    """Stands for a function of somebody else."""
