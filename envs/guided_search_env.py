@@ -31,7 +31,7 @@ from guided_gym.guidance.registry import make_expander
 from guided_gym.measure.target import Measure, sampling_efficiency
 from guided_gym.options import DEFAULT_CANDIDATES, DEFAULT_TARGET, SearchOptions, TargetParameters
 from guided_gym.problems import Problem, Task
-from guided_gym.randomness import spawn
+from guided_gym.randomness import copied, spawn
 from guided_gym.search.search import Search
 
 if TYPE_CHECKING:
@@ -235,6 +235,32 @@ class GuidedSearchEnv(gymnasium.Env[Observation, Action]):
     def finished(self) -> bool:
         """Whether the episode has ended: further steps change nothing."""
         return self._terminated or self._truncated
+
+    def clone(self) -> GuidedSearchEnv:
+        """An environment that goes on as this one does, for tree search; some 100 us at 256 nodes.
+
+        Problem, oracle and spaces are shared; ``copy.deepcopy`` shares nothing, and takes 20 times as long. A
+        guiding space that expands is copied with all that it holds.
+
+        Raises:
+            GuidedGymError: There was no reset yet.
+        """
+        search = self.search
+        other = copy.copy(self)
+        other._search = search.clone()
+        if self.expander is not None:
+            k = next((k for k, one in enumerate(search.listeners) if one is self.expander), None)
+            memo = search.shared_by(other._search)
+            held = copy.deepcopy(self.expander, memo) if k is None else other._search.listeners[k]
+            other.expander = cast("GuidingSpace", held)
+        other.measure = self.measure.clone(other._search)
+        observer = self.observer
+        plain = type(observer) is TreeObservation
+        other.observer = observer.clone() if plain else copy.deepcopy(observer)
+        other._np_random = copied(self.np_random)
+        other._regions = dict(self._regions)
+        other._renderer = None
+        return other
 
     def action_masks(self) -> NDArray[np.bool_]:
         """(max_nodes,) bool, True for the nodes that may be expanded (the name MaskablePPO looks for)."""

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import copy
 import math
 from collections.abc import Mapping
 from enum import IntEnum
@@ -152,6 +153,12 @@ class TreeObservation:
                 "raster": spaces.Box(0, 255, (1, n, n), np.uint8),
             }
         )
+
+    def clone(self) -> TreeObservation:
+        """An observer of a clone of the search."""
+        other = copy.copy(self)
+        other._nodes, other._parents = self._nodes.copy(), self._parents.copy()
+        return other
 
     def reset(self, search: Search) -> None:
         """Forget the last search; fix the scales of this one.

@@ -2,7 +2,11 @@
 
 from __future__ import annotations
 
+import copy
+from typing import Any, Final
+
 import numpy as np
+from numpy.random.bit_generator import ISeedSequence
 
 from guided_gym.errors import InvalidInputError
 
@@ -16,6 +20,25 @@ def streams(seed: int | None) -> tuple[np.random.Generator, np.random.Generator,
         return spawn(np.random.default_rng(seed))
     except (TypeError, ValueError) as error:
         raise InvalidInputError(f"seed: expected an integer >= 0 or None, got {seed!r}") from error
+
+
+class _NoSeed(ISeedSequence):
+    """The seed of a generator whose state is about to be set: the system's entropy takes its time."""
+
+    def generate_state(self, n_words: int, dtype: Any = np.uint32) -> Any:
+        return np.zeros(n_words, dtype)
+
+
+_NO_SEED: Final = _NoSeed()
+
+
+def copied(rng: np.random.Generator) -> np.random.Generator:
+    """A generator that goes on as this one does."""
+    if type(rng.bit_generator) is not np.random.PCG64:
+        return copy.deepcopy(rng)
+    bits = np.random.PCG64(_NO_SEED)  # type: ignore[arg-type]
+    bits.state = rng.bit_generator.state
+    return np.random.Generator(bits)
 
 
 def spawn(

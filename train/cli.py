@@ -282,6 +282,15 @@ def doctor() -> None:
         console().print(_names_table(title, rows))
 
 
+@app.command()
+def warmup() -> None:
+    """Compile all kernels now, so that nobody waits for them later; once for each version and machine."""
+    from guided_gym.train.warmup import warm_up
+
+    seconds = warm_up(lambda name, spent: console().print(f"{spent:6.1f} s  {name}"))
+    console().print(f"ready after {seconds:.0f} s")
+
+
 def _names_table(title: str, rows: list[tuple[str, str]]) -> Any:
     from rich.table import Table
 

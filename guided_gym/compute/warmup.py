@@ -10,7 +10,10 @@ from typing import Any, Final
 from numba.core import event
 
 PATIENCE: Final = 1.0  # seconds of compilation before something is said
-MESSAGE: Final = "guided-gym: compiling kernels for first use (some seconds; cached where it can be) ..."
+MESSAGE: Final = (
+    "guided-gym: compiling kernels for first use (half a minute or so of processor time; kept where that is "
+    "possible, `guided-gym warmup` does it beforehand) ..."
+)
 
 
 class CompilationNotice(event.Listener):

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import copy
 from typing import Protocol
 
 import numpy as np
@@ -245,6 +246,13 @@ class Measure:
         self._rewirings = 0
         self.optimum = float(self.oracle.cost_to_go(problem.task.start))
         self._scale = self.optimum or 1.0  # 0 where the search starts at its goal
+
+    def clone(self, search: Measured) -> Measure:
+        """The metric of a clone of the search, as far as it has been worked out."""
+        other = copy.copy(self)
+        other._tree = search.tree
+        other._tau, other._energy = self._tau.copy(), self._energy.copy()
+        return other
 
     def _update(self) -> None:
         tree, n = self._tree, len(self._tree)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import copy
 from typing import TYPE_CHECKING, Any, Final, TypeVar
 
 import numpy as np
@@ -206,6 +207,14 @@ class SearchTree:
             self.nodes = _doubled(self.nodes)
         while self.failed.nodes.size < self._failed + extra:
             self.failed = _doubled(self.failed)
+
+    def clone(self) -> SearchTree:
+        """A tree that grows on by itself; its index is built when it is asked for."""
+        other = copy.copy(self)
+        other.nodes = Nodes(*(array.copy() for array in self.nodes))
+        other.failed = Failures(*(array.copy() for array in self.failed))
+        other._index = None
+        return other
 
     def grown(self, nodes: int, failures: int) -> None:
         """Take in the nodes and failures that a kernel has written behind the last ones."""

@@ -506,6 +506,25 @@ def test_a_copy_goes_on_as_the_original_does(problem, snapshot):
         assert all(np.array_equal(ours[0][key], theirs[0][key]) for key in ours[0])
 
 
+@pytest.mark.parametrize("options", [{}, {"expansion": "lazy_prm"}, {"rewire": True}], ids=str)
+def test_a_clone_goes_on_as_the_original_does_and_neither_touches_the_other(problem, options):
+    env, reference = make(problem, **options), make(problem, **options)
+    for _ in range(5):
+        env.step(0), reference.step(0)
+    clones = [env.clone() for _ in range(2)]
+    assert clones[0].problem is env.problem and clones[0].measure.oracle is env.measure.oracle
+    for k in range(8):
+        clones[0].step(k % 2)  # elsewhere, and first
+    for k in range(10):
+        steps = [one.step(k % 3) for one in (reference, env, clones[1])]
+        for other in steps[1:]:
+            assert other[1:] == steps[0][1:]
+            assert all(np.array_equal(steps[0][0][key], other[0][key]) for key in other[0])
+    assert env.search.listeners == [] or env.search.listeners[0] is not clones[1].search.listeners[0]
+    again = [one.reset() for one in (reference, env, clones[1])]
+    assert len({one[0]["nodes"].tobytes() for one in again}) == 1
+
+
 def test_search_options_reach_the_search(problem):
     env = make(problem, step=0.05, candidates=3, goal_tolerance=0.01, rewire=True)
     assert env.search.options == SearchOptions(0.05, 3, True)
