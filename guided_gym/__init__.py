@@ -34,8 +34,17 @@ if TYPE_CHECKING:
     from guided_gym.geometry.robots import Robot
     from guided_gym.geometry.space import ConfigurationSpace
     from guided_gym.guidance.base import GuidingSpace
+    from guided_gym.guidance.composed import Composed, Lesson
     from guided_gym.guidance.hybrid import Hybrid
-    from guided_gym.guidance.registry import guidance_names, make_guidance, make_guides, register_guidance
+    from guided_gym.guidance.registry import (
+        guidance_names,
+        make_guidance,
+        make_guides,
+        register_environment,
+        register_guidance,
+        register_robot,
+        register_solver,
+    )
     from guided_gym.measure.oracle import Oracle
     from guided_gym.measure.target import (
         Measure,
@@ -67,8 +76,17 @@ _HOMES: dict[str, tuple[str, ...]] = {
     "geometry.robots": ("Robot",),
     "geometry.space": ("ConfigurationSpace",),
     "guidance.base": ("GuidingSpace",),
+    "guidance.composed": ("Composed", "Lesson"),
     "guidance.hybrid": ("Hybrid",),
-    "guidance.registry": ("guidance_names", "make_guidance", "make_guides", "register_guidance"),
+    "guidance.registry": (
+        "guidance_names",
+        "make_guidance",
+        "make_guides",
+        "register_environment",
+        "register_guidance",
+        "register_robot",
+        "register_solver",
+    ),
     "measure.oracle": ("Oracle",),
     "measure.target": (
         "Measure",
@@ -126,6 +144,7 @@ __all__ = [
     "Agent",
     "Choice",
     "ClaimResult",
+    "Composed",
     "ConfigurationSpace",
     "EfficiencyReward",
     "Environment",
@@ -143,6 +162,7 @@ __all__ = [
     "Hybrid",
     "InvalidInputError",
     "JensenShannonReward",
+    "Lesson",
     "LocalPlanner",
     "Measure",
     "NoPathError",
@@ -190,7 +210,10 @@ __all__ = [
     "node_table",
     "problem_seed",
     "register_distribution",
+    "register_environment",
     "register_guidance",
+    "register_robot",
+    "register_solver",
     "reproduce",
     "rollout",
     "rollout_bytes",

@@ -55,7 +55,8 @@ def test_page_runs(page: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) 
     monkeypatch.setenv("SDL_VIDEODRIVER", "dummy")
     # What a page registers is gone after it.
     registry = guided_gym.guidance.registry
-    monkeypatch.setattr(registry.GUIDANCES, "rows", dict(registry.GUIDANCES.rows))
+    for table in (registry.GUIDANCES, registry.ROBOT_TABLE, registry.ENVIRONMENT_TABLE):
+        monkeypatch.setattr(table, "rows", dict(table.rows))
     catalogue = guided_gym.catalogue.table
     monkeypatch.setattr(catalogue, "_CATALOGUE", dict(catalogue._CATALOGUE))
     module = types.ModuleType("page")  # a real module: dataclasses look up the one that they are defined in

@@ -169,16 +169,17 @@ def draw_guiding_space(axes: Axes, guidance: GuidingSpace, search: Search, colou
         The artist to make a colour bar for, with its meaning in ``get_label``; None if there is none.
     """
     draw_workspace(axes, search.problem.environment, PALE_OBSTACLE)
-    drawing = getattr(guidance, "drawing", None)
+    draw = getattr(guidance, "drawing", None)
+    drawing = draw() if draw is not None else {}
     mappable = None
-    if drawing is not None:
-        mappable = _draw_graph(axes, drawing(), colour)
+    if drawing:
+        mappable = _draw_graph(axes, drawing, colour)
         _outline_obstacles(axes, search.problem.environment)
     elif isinstance(guidance, Voronoi):
         mappable = _draw_cells(axes, guidance, search, colour)
     elif not isinstance(guidance, Uninformed):
         mappable = _draw_field(axes, guidance, search)
-    if drawing is None:
+    if not drawing:
         draw_tree(axes, search.tree, None, Normalize())
     draw_task(axes, search.problem)
     return mappable

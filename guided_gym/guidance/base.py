@@ -32,9 +32,11 @@ class GuidingSpace(ABC):
 
     Attributes:
         name: The name in tables and on the command line.
+        expression: The expression that it was made of, for messages; empty if of none.
     """
 
     name: ClassVar[str] = ""
+    expression: str = ""
 
     def __init__(self, *, temperature: float = 0.0, expansion_penalty: float = 0.1) -> None:
         self.temperature = number("temperature", temperature, least=0)

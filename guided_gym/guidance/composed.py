@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from guided_gym.checks import flag, instance, integer, number
+from guided_gym.errors import InvalidInputError
 from guided_gym.geometry.environment import Environment
 from guided_gym.guidance.base import GuidingSpace
 from guided_gym.guidance.modifications import SAME, UNCHANGED, EnvironmentModification, RobotModification
@@ -106,9 +107,12 @@ class Composed(GuidingSpace):
 
     def _begin(self, environment: Environment) -> None:
         start, goal = self.search.start, self.goal
-        easier = self.robot.space(self.space, environment, start)
-        self.query = Query(easier, self._state(start), self._state(goal))
-        self.solver.begin(self.query, self.rng, self.planner.step)
+        try:
+            easier = self.robot.space(self.space, environment, start)
+            self.query = Query(easier, self._state(start), self._state(goal))
+            self.solver.begin(self.query, self.rng, self.planner.step)
+        except InvalidInputError as error:
+            raise InvalidInputError(f"{error} (guidance {self.expression or self.name!r})") from error
         self._states = np.zeros((0, easier.dimension))
         self._projected = 0
         self._count_looks()

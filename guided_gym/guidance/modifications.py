@@ -83,7 +83,10 @@ class SameRobot:
 
 
 class Point:
-    """r' is the robot's reference point, as if nothing else could hit: the workspace (paper, Figure 1 d)."""
+    """r' is the robot's reference point, as if nothing else could hit: the workspace (paper, Figure 1 d).
+
+    Optimistic where that point is part of the robot; one in a notch of it may be inside an obstacle.
+    """
 
     keeps = False
 
@@ -134,14 +137,19 @@ class Subset:
             raise InvalidInputError(
                 f"subset: expected coordinates 0 to {space.dimension - 1}, got {list(self.dimensions)}"
             )
-        basis = np.eye(space.dimension)[list(self.dimensions)]
         whole = SAME.space(space, environment, start)
+        self._slice: Subspace | None = None
+        if self.dimensions == (0, 1):  # a body that keeps its heading: a space that every solver takes
+            if space.dimension == 2:
+                return whole
+            return _space(space, _turned(space.robot, float(start[2])), environment)
+        basis = np.eye(space.dimension)[list(self.dimensions)]
         self._slice = Subspace(whole, start, basis)
         return self._slice
 
     def project(self, q: Floats) -> Floats:
         """(n, d') the coordinates that are kept."""
-        return self._slice.project(q)
+        return q[:, :2] if self._slice is None else self._slice.project(q)
 
 
 class Principal:
@@ -196,6 +204,12 @@ def _kept_space(robot: Robot, environment: Environment, weight: float | None) ->
 @lru_cache(maxsize=8)
 def _body(make: Callable[[], Robot]) -> Robot:
     return make()
+
+
+@lru_cache(maxsize=64)
+def _turned(robot: Robot, heading: float) -> Robot:
+    """The robot with that heading, which it keeps."""
+    return Robot(robot.placed((0.0, 0.0, heading)), dimension=2, name=f"{robot.name} that does not turn")
 
 
 @lru_cache(maxsize=64)
@@ -268,19 +282,21 @@ class Shrunk(SameEnvironment):
     """E' has obstacles that are smaller all around, grown back as failures come (iterative relaxation).
 
     Args:
-        margin: By how much (length); by default half of the inscribed width of the thinnest obstacle.
+        margin: By how much (length); by default half of the radius of the largest disc in the thinnest one,
+            so that something is left of each.
         patience: Failures after which the margin is halved; 0 for never.
     """
 
     optimistic = True
 
-    def __init__(self, margin: float = 0.1, *, patience: int = 10) -> None:
-        self.margin = number("margin", margin, above=0)
+    def __init__(self, margin: float | None = None, *, patience: int = 10) -> None:
+        self.margin = None if margin is None else number("margin", margin, above=0)
         self.patience = integer("patience", patience, least=0)
 
     def environment(self, environment: Environment) -> Environment:
         """What is left of the obstacles."""
-        self._failures, self._margin = 0, self.margin
+        self._failures = 0
+        self._margin = _half_of_thinnest(environment) if self.margin is None else self.margin
         return _eroded(environment, self._margin)
 
     def revised(self, space: ConfigurationSpace, contact: Floats) -> Environment | None:
@@ -332,6 +348,12 @@ class Revealed(SameEnvironment):
 
 
 UNCHANGED: Final = SameEnvironment()
+
+
+@lru_cache(maxsize=64)
+def _half_of_thinnest(environment: Environment) -> float:
+    inside = (shapely.maximum_inscribed_circle(obstacle).length for obstacle in environment.obstacles)
+    return 0.5 * min(inside, default=0.0)
 
 
 def _eroded(environment: Environment, margin: float) -> Environment:

@@ -59,6 +59,7 @@ def recipe(solver: Callable[..., Any], summary: str, /, **defaults: Any) -> Call
     ]
     make.__signature__ = inspect.Signature(parameters)  # type: ignore[attr-defined]
     make.__doc__ = summary
+    make.__module__, make.__qualname__ = solver.__module__, solver.__qualname__  # what `same_place` asks for
     return make
 
 

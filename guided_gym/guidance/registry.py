@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import importlib
+import inspect
 from collections.abc import Iterator, Sequence
 from typing import Any, Final, TypeVar
 
@@ -12,7 +13,7 @@ from guided_gym.guidance.cells import Uninformed, Voronoi
 from guided_gym.guidance.grammar import FAMILY, JOINED, Call, parse
 from guided_gym.guidance.hybrid import Hybrid
 from guided_gym.guidance.modifications import ENVIRONMENTS, ROBOTS
-from guided_gym.guidance.recipes import RECIPES, SOLVERS
+from guided_gym.guidance.recipes import RECIPES, SOLVERS, recipe
 from guided_gym.guidance.rules import RULES
 from guided_gym.guidance.tables import SEVERAL, Maker, Table, expanded, register_kind, walk
 
@@ -61,6 +62,7 @@ class _Guidances(Table):
             )
         if call.name in self and made.name != call.name:  # a recipe: its parts do not know its name
             setattr(made, "name", call.name)  # noqa: B010  a class variable for all others
+        made.expression = str(call)
         return made
 
 
@@ -77,8 +79,10 @@ GUIDANCES: Final = _Guidances(
 )
 for _option in (SEVERAL, "guide", "guidance", "fallback"):
     register_kind(_option, GUIDANCES)
-register_kind("robot", Table("robot modification", ROBOTS))
-register_kind("environment", Table("environment modification", ENVIRONMENTS))
+ROBOT_TABLE: Final = Table("robot modification", ROBOTS)
+ENVIRONMENT_TABLE: Final = Table("environment modification", ENVIRONMENTS)
+register_kind("robot", ROBOT_TABLE)
+register_kind("environment", ENVIRONMENT_TABLE)
 register_kind("rule", Table("rule", RULES))
 
 
@@ -103,6 +107,65 @@ def register_guidance(maker: M, name: str | None = None, *, replace: bool = Fals
             f"got {maker!r}"
         )
     return GUIDANCES.register(maker, name, replace=replace)
+
+
+def register_solver(maker: M, name: str, *, replace: bool = False) -> M:
+    """Makes a solver known: ``name(robot=..., environment=...)`` is a guiding space from then on.
+
+    Args:
+        maker: A class with the methods of `CostToGo`, or a function that makes one. Its keyword options are
+            options of the guiding space, too.
+        name: Its name.
+        replace: Whether it may take the place of another of that name.
+
+    Raises:
+        InvalidInputError: It lacks a method, or the name is taken or means something in an expression.
+    """
+    _check_parts("register_solver", maker, ("begin", "__call__", "follow", "raise_near", "inspect"))
+    summary = (inspect.getdoc(maker) or name).partition("\n")[0]
+    GUIDANCES.register(recipe(maker, summary), name, replace=replace)
+    return maker
+
+
+def register_robot(maker: M, name: str, *, replace: bool = False) -> M:
+    """Makes a robot modification known: a word for ``robot=...``.
+
+    Args:
+        maker: A class with the methods of `RobotModification`, or a function that makes one.
+        name: Its name.
+        replace: Whether it may take the place of another of that name.
+
+    Raises:
+        InvalidInputError: It lacks a method, or the name is taken or means something in an expression.
+    """
+    _check_parts("register_robot", maker, ("space", "project"))
+    return ROBOT_TABLE.register(maker, name, replace=replace)
+
+
+def register_environment(maker: M, name: str, *, replace: bool = False) -> M:
+    """Makes an environment modification known: a word for ``environment=...``.
+
+    Args:
+        maker: A class with the methods of `EnvironmentModification`, or a function that makes one.
+        name: Its name.
+        replace: Whether it may take the place of another of that name.
+
+    Raises:
+        InvalidInputError: It lacks a method, or the name is taken or means something in an expression.
+    """
+    _check_parts("register_environment", maker, ("environment", "revised"))
+    return ENVIRONMENT_TABLE.register(maker, name, replace=replace)
+
+
+def _check_parts(what: str, maker: object, parts: tuple[str, ...]) -> None:
+    lacks = []
+    if isinstance(maker, type):  # not by hasattr: every class can be called, what it makes cannot
+        lacks = [part for part in parts if not any(part in vars(base) for base in maker.__mro__)]
+    if not callable(maker) or lacks:
+        raise InvalidInputError(
+            f"{what}: expected a class with {', '.join(parts)}, or a function that makes one, got {maker!r}"
+            + (f", which lacks {', '.join(lacks)}" if lacks else "")
+        )
 
 
 def guidance_names() -> list[str]:

@@ -3,10 +3,15 @@
 from __future__ import annotations
 
 import numpy as np
+from numpy.typing import NDArray
 
+from guided_gym.errors import InvalidInputError
+from guided_gym.geometry.robots import Robot
 from guided_gym.geometry.space import BoolArray, Configurations, ConfigurationSpace
-from guided_gym.guidance.solvers.base import Floats
+from guided_gym.kernels.collision import Geometry
 from guided_gym.kernels.metric import Metric
+
+Floats = NDArray[np.float64]
 
 
 class Subspace(ConfigurationSpace):
@@ -23,8 +28,8 @@ class Subspace(ConfigurationSpace):
 
     def __init__(self, space: ConfigurationSpace, origin: Floats, basis: Floats) -> None:
         self.whole, self.origin, self.basis = space, origin, basis
-        self.robot, self.environment = space.robot, space.environment
-        self.extent, self.tolerance, self.geometry = space.extent, space.tolerance, space.geometry
+        self.environment = space.environment
+        self.extent, self.tolerance = space.extent, space.tolerance
         self.dimension = len(basis)
         scaled = basis * space.weights
         lengths = np.sqrt((scaled**2).sum(axis=1))
@@ -45,10 +50,34 @@ class Subspace(ConfigurationSpace):
         for array in (self.lower, self.upper, self.weights, self.periods):
             array.flags.writeable = False
 
+    @property
+    def robot(self) -> Robot:  # type: ignore[override]
+        """None, nor a geometry for kernels: who asks would take a state for the pose of a body.
+
+        Raises:
+            InvalidInputError: Always.
+        """
+        raise self._no_body()
+
+    @property
+    def geometry(self) -> Geometry:  # type: ignore[override]
+        """None; see `robot`."""
+        raise self._no_body()
+
+    def _no_body(self) -> InvalidInputError:
+        return InvalidInputError(
+            f"expected the configuration space of a body, got a plane of {self.dimension} dimensions through "
+            "one, whose states are no poses; roadmap and straight take it"
+        )
+
+    def __repr__(self) -> str:
+        return f"Subspace({self.whole!r}, d'={self.dimension})"
+
     def project(self, q: Floats) -> Floats:
         """(n, d) configurations to (n, d') states: the nearest of the plane."""
-        states: Floats = self.whole.difference(self.origin, q) @ self._dual.T + self._shift
-        return states
+        # Not by a matrix product, whose last bits depend on how many rows there are.
+        along = np.einsum("...d,kd->...k", self.whole.difference(self.origin, q), self._dual)
+        return self.wrap(along + self._shift)
 
     def lift(self, states: Configurations) -> Floats:
         """States (..., d') to the configurations (..., d) that they stand for."""

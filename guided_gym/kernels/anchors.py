@@ -59,11 +59,12 @@ def _charged(
 ) -> float:
     """Length of the anchor from ``q`` to ``v`` with what was raised near it."""
     states, reaches, factors = taught
+    away = separation(q, v, metric)
     for f in near:
         if segment_separation(q, v, states[f], metric) <= reaches[f]:
             if factors[f] == np.inf:
                 return np.inf
-            length *= factors[f]
+            length += (factors[f] - 1.0) * away
     return length
 
 
@@ -89,7 +90,7 @@ def charge_anchors(
     taught: Taught,
     metric: Metric,
 ) -> None:
-    """Multiply the anchors that pass near some states by their factors; an infinite one drops them.
+    """Add ``factor - 1`` times their distance to the anchors that pass near some states; infinite drops them.
 
     Args:
         q: (n, d) configurations.

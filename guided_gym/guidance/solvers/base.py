@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from guided_gym.errors import InvalidInputError
 from guided_gym.geometry.space import ConfigurationSpace
+from guided_gym.guidance.subspace import Subspace
 
 Floats = NDArray[np.float64]
 Valid = Callable[[Floats], NDArray[np.bool_]]
@@ -93,5 +94,19 @@ def require_dimensions(solver: str, query: Query, *dimensions: int) -> None:
     if query.space.dimension not in dimensions:
         expected = " or ".join(map(str, dimensions))
         raise InvalidInputError(
-            f"{solver}: expected a guiding space of {expected} dimensions, got {query.space.dimension}"
+            f"{solver}: expected a guiding space of {expected} dimensions, got {query.space.dimension}; "
+            "a robot modification, such as robot=point, makes others of them"
+        )
+
+
+def require_body(solver: str, query: Query) -> None:
+    """Refuse planes through a configuration space: for solvers to which a state is the pose of a body.
+
+    Raises:
+        InvalidInputError: A `Subspace`.
+    """
+    if isinstance(query.space, Subspace):
+        raise InvalidInputError(
+            f"{solver}: expected the configuration space of a body, got a plane of {query.space.dimension} "
+            "dimensions through one; roadmap and straight take it"
         )

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from guided_gym.errors import NoPathError
-from guided_gym.guidance.solvers.base import Floats, Query, Valid
+from guided_gym.guidance.solvers.base import Floats, Query, Valid, require_body, require_dimensions
 from guided_gym.measure.oracle import Oracle, oracle_for
 
 
@@ -20,15 +20,22 @@ class Exact:
     sees = True  # poses in collision have no way
 
     def begin(self, query: Query, rng: np.random.Generator, step: float) -> None:
-        """Solve, or load, the oracle; without a valid goal or a path no state has a way."""
+        """Solve, or load, the oracle; without a valid goal no state has a way.
+
+        Raises:
+            InvalidInputError: A space of other than 2 or 3 dimensions, or no space of a body.
+        """
+        require_dimensions("exact", query, 2, 3)
+        require_body("exact", query)
         self._query = query
         self._oracle: Oracle | None = None
         space = query.space
-        if space.valid(query.goal) and space.valid(query.start):
+        if space.valid(query.goal):
+            start = query.start if space.valid(query.start) else None
             try:
-                self._oracle = oracle_for(space, query.goal, start=query.start)
-            except NoPathError:
-                return
+                self._oracle = oracle_for(space, query.goal, start=start)
+            except NoPathError:  # not even on a finer grid: others may have a way where the start has none
+                self._oracle = oracle_for(space, query.goal)
 
     def __call__(self, states: Floats) -> Floats:
         """(n, d') states to (n,) true cost-to-go; infinite in collision."""

@@ -15,6 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from guided_gym.guidance.solvers.base import Floats, Query, Valid
+from guided_gym.guidance.subspace import Subspace
 from guided_gym.kernels.anchors import anchored_values_of, charge_anchors, link_anchors, linked_nodes
 from guided_gym.structures.nearest import GrowingIndex
 from guided_gym.structures.segments import SegmentIndex
@@ -109,8 +110,8 @@ class Graph:
 class GraphCostToGo(ABC):
     """A solver whose cost-to-go is the length of the shortest path on a graph.
 
-    A subclass writes `build` (the graph) and `anchor` (how states are joined to it), and may write `joined`
-    (how nodes are, where that is another thing).
+    No state has a way where the goal is in collision. A subclass writes `build` (the graph) and `anchor` (how
+    states are joined to it), and may write `joined` (how nodes are, where that is another thing).
     """
 
     graph: Graph
@@ -120,6 +121,9 @@ class GraphCostToGo(ABC):
         self.query, self.rng, self.step = query, rng, step
         self.looks = 0
         self.taught = Taught(query.space.dimension)
+        # Where nothing is an obstacle nothing is looked at, not even the goal.
+        seen = bool(query.space.environment.obstacles)
+        self._open = not seen or bool(query.space.valid(query.goal))
         self._inspections: list[tuple[Floats, float, Valid]] = []
         self._restart()
 
@@ -224,6 +228,8 @@ class GraphCostToGo(ABC):
 
     def _values(self, anchors: Anchors, rows: NDArray[np.int64]) -> Floats:
         graph = self.graph
+        if not self._open:
+            return np.full(len(rows), np.inf)
         return anchored_values_of(
             rows, anchors.vertices, anchors.lengths, anchors.edges, graph.multipliers, graph.distance
         )
@@ -233,9 +239,11 @@ class GraphCostToGo(ABC):
 
         ``points`` (v, 2) with their h as ``values`` (v,); ``edges`` (m, 2), ``alive`` (m,), ``weights`` (m,).
         """
-        factor = self.graph.multipliers
+        factor, space, points = self.graph.multipliers, self.query.space, self.graph.points
+        if isinstance(space, Subspace):
+            points = space.lift(points)
         return {
-            "points": self.graph.points[:, :2],
+            "points": points[:, :2],
             "values": self.graph.distance,
             "edges": self.graph.edges,
             "alive": np.isfinite(factor),

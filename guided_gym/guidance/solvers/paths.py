@@ -10,7 +10,7 @@ import numpy as np
 
 from guided_gym.checks import integer, number
 from guided_gym.errors import InvalidInputError, UnknownNameError
-from guided_gym.guidance.solvers.base import Floats, Query
+from guided_gym.guidance.solvers.base import Floats, Query, require_body
 from guided_gym.guidance.solvers.graph import Anchors, Graph, GraphCostToGo, Int32s, Ints
 from guided_gym.kernels.waypoints import path_anchors
 from guided_gym.storage.path_file import DatabaseHeader, PathDatabase
@@ -78,6 +78,7 @@ class StoredPaths(GraphCostToGo):
         Raises:
             InvalidInputError: Paths of another dimension, robot or metric.
         """
+        require_body("stored paths", query)
         if self.library.dimension != query.space.dimension:
             raise InvalidInputError(
                 f"stored paths: expected paths of dimension {query.space.dimension}, "

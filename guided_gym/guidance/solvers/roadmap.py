@@ -69,7 +69,9 @@ class Roadmap(GraphCostToGo):
         count = int(self.vertices * 1.5**self._finer)
         kind = _Kind(space) if self._lazy else _Validated(space)
         self._net = _net(kind, count, self.neighbours, number)
-        ids, lengths = self._net.nearest.k_nearest(goal, min(self.neighbours, len(self._net.points)))
+        ids, lengths = np.zeros(0, np.int64), np.zeros(0)
+        if len(self._net.points):  # none where C' has no room at all
+            ids, lengths = self._net.nearest.k_nearest(goal, min(self.neighbours, len(self._net.points)))
         if not self._lazy and ids.size:
             starts = np.repeat(goal[None], len(ids), axis=0)
             free = space.motions_free(starts, self._net.points[ids])
@@ -82,6 +84,8 @@ class Roadmap(GraphCostToGo):
         """Join each state to its nearest vertices, or to the goal where that is nearer."""
         points, count = self.graph.points, min(self.anchors, len(self.graph.points) - 1)
         space = self.query.space
+        if count == 0:
+            return Anchors(*(np.zeros((len(states), 0), kind) for kind in (np.int32, np.float64, np.int32)))
         vertices, lengths = nearest_anchors(states, self._net.nearest.state, points, count, space.metric)
         anchors = Anchors(vertices, lengths, np.full(vertices.shape, -1, np.int32))
         if not self._lazy:

@@ -7,7 +7,7 @@ import numpy as np
 from guided_gym.checks import integer
 from guided_gym.errors import InvalidInputError
 from guided_gym.guidance.base import GuidingSpace
-from guided_gym.guidance.solvers.base import Floats
+from guided_gym.guidance.solvers.base import Floats, require_body
 from guided_gym.guidance.solvers.graph import Anchors, Graph, GraphCostToGo, Ints
 from guided_gym.problems import Problem, Task
 from guided_gym.search.search import Search
@@ -35,16 +35,19 @@ class Searched(GraphCostToGo):
         self.anchors = integer("anchors", anchors, least=1)
 
     def build(self) -> Graph:
-        """Search from the goal; without a valid start and goal the graph is the goal alone."""
+        """Search from the goal; where the start or the goal is in collision, no state has a way.
+
+        Raises:
+            InvalidInputError: No space of a body.
+        """
+        require_body("searched", self.query)
         space, start, goal = self.query
         points, edges, lengths = goal[None], np.zeros((0, 2), np.int32), np.zeros(0)
-        try:
+        self._open = bool(space.valid(goal)) and bool(space.valid(start))
+        if self._open:
             # By nearness alone, so that the search does not end where it sees the start.
             task = Task(goal, start, tolerance=1e-6 * space.extent, by_edge=False)
             problem = Problem(space.robot, space.environment, task, rotation_weight=_turning(space.weights))
-        except InvalidInputError:
-            pass
-        else:
             expansion, choice = self.rng.spawn(2)
             search = Search(problem, expansion, choice)
             search.attach(self.guidance)

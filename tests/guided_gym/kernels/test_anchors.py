@@ -36,11 +36,11 @@ def some_anchors(seed: int) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndar
 
 
 def charge(q: np.ndarray, v: np.ndarray, taught: tuple) -> float:
-    """What an anchor's length is multiplied by: the product over all places that it passes near."""
+    """How many times its length an anchor costs: like an edge, each place that it passes near adds to it."""
     factor = 1.0
     for place, reach, times in zip(*taught, strict=True):
         if segment_separation(q, v, place, M) <= reach:
-            factor *= times
+            factor += times - 1.0
     return factor
 
 
