@@ -255,8 +255,10 @@ class GuidedSearchEnv(gymnasium.Env[Observation, Action]):
             other.expander = cast("GuidingSpace", held)
         other.measure = self.measure.clone(other._search)
         observer = self.observer
-        plain = type(observer) is TreeObservation
-        other.observer = observer.clone() if plain else copy.deepcopy(observer)
+        if type(observer) is TreeObservation:
+            other.observer = observer.clone()
+        else:
+            other.observer = copy.deepcopy(observer)
         other._np_random = copied(self.np_random)
         other._regions = dict(self._regions)
         other._renderer = None

@@ -45,8 +45,8 @@ class CompileLock(event.Listener):
         self._depth += 1
         if self._depth == 1:
             self._file = self._acquired(Path(folder) / NAME)
-            self._vectorize = config.LOOP_VECTORIZE
-            config.LOOP_VECTORIZE = 0
+            self._vectorize = config.LOOP_VECTORIZE  # type: ignore[attr-defined]
+            config.LOOP_VECTORIZE = 0  # type: ignore[attr-defined]
 
     def done(self) -> None:
         """A kernel was kept, was loaded after all, or could not be compiled."""
@@ -55,7 +55,8 @@ class CompileLock(event.Listener):
             return
         self._depth = 0
         if self._vectorize is not None:
-            config.LOOP_VECTORIZE, self._vectorize = self._vectorize, None
+            config.LOOP_VECTORIZE = self._vectorize  # type: ignore[attr-defined]
+            self._vectorize = None
         if self._file is not None:
             os.close(self._file)
             self._file = None

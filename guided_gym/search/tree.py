@@ -211,8 +211,7 @@ class SearchTree:
     def clone(self) -> SearchTree:
         """A tree that grows on by itself; its index is built when it is asked for."""
         other = copy.copy(self)
-        other.nodes = Nodes(*(array.copy() for array in self.nodes))
-        other.failed = Failures(*(array.copy() for array in self.failed))
+        other.nodes, other.failed = _copied(self.nodes), _copied(self.failed)
         other._index = None
         return other
 
@@ -220,6 +219,11 @@ class SearchTree:
         """Take in the nodes and failures that a kernel has written behind the last ones."""
         self._n += nodes
         self._failed += failures
+
+
+def _copied(rows: _Rows) -> _Rows:
+    """The same arrays, apart from these."""
+    return type(rows)(*(array.copy() for array in rows))  # type: ignore[arg-type]
 
 
 def _doubled(rows: _Rows) -> _Rows:
