@@ -10,7 +10,7 @@ from guided_gym.envs.guided_search_env import GuidedSearchEnv
 
 
 class ProblemFileEnv(GuidedSearchEnv):
-    """`GuidedSearchEnv` on the problem of a file: ``gym.make("guided_gym/ProblemFile-v0", path="office.toml")``.
+    """`GuidedSearchEnv` on a file's problem: ``gym.make("guided_gym/ProblemFile-v0", path="office.toml")``.
 
     Args:
         path: A problem file (``.toml`` or ``.json``) or a MovingAI scenario (``.scen``).

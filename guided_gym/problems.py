@@ -180,6 +180,24 @@ class Problem:
         object.__setattr__(other, "task", self.task.ending(tolerance, by_edge))
         return other
 
+    def asking(self, task: Task, name: str | None = None) -> Problem:
+        """This problem with another task, in the same space: nothing of it is built anew.
+
+        Args:
+            task: The task.
+            name: Another name; None leaves it as it is.
+
+        Raises:
+            InvalidInputError: As `Problem`.
+        """
+        other = copy.copy(self)
+        other.__dict__.pop("fingerprint", None)
+        object.__setattr__(other, "task", task)
+        object.__setattr__(other, "name", self.name if name is None else name)
+        _ = self.space, other.__dict__.setdefault("space", self.space)
+        other.__post_init__()
+        return other
+
     def save(self, path: str | Path, *, length: str = "m", origin: Sequence[float] = (0.0, 0.0)) -> None:
         """Write the problem into a file from which `load` makes the same one, to the last bit.
 
