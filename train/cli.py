@@ -12,6 +12,7 @@ import typer
 from typer.core import TyperGroup
 
 from guided_gym.errors import GuidedGymError, GuidedGymWarning
+from guided_gym.train.plan_cli import register as register_plans
 from guided_gym.train.reinforcement_cli import train_app
 from guided_gym.train.terminal import EXIT_INTERRUPTED, console, drawing_status, progress_bar
 
@@ -240,6 +241,9 @@ def doctor() -> None:
 
     for title, rows in doctor_rows().items():
         console().print(_names_table(title, rows))
+
+
+register_plans(app)
 
 
 def _names_table(title: str, rows: list[tuple[str, str]]) -> Any:

@@ -35,6 +35,7 @@ from guided_gym.catalogue.maps import (
     read_map,
     read_scenario,
     read_text,
+    reason,
 )
 from guided_gym.errors import InvalidInputError, StorageError
 from guided_gym.geometry.environment import Environment
@@ -450,11 +451,11 @@ def _parsed(path: Path, text: str) -> Any:
         return tomllib.loads(text)
     except tomllib.TOMLDecodeError as error:
         match = re.search(r"line (\d+)", str(error))
-        place = f", line {match[1]}" if match else ""
+        place = f", line {match[1]}" if match else ", at its end"
         what = re.sub(r" \(at .*\)$", "", str(error))
         raise StorageError(f"{path}{place}: expected TOML, got: {what}") from error
     except (ValueError, RecursionError, OverflowError) as error:
-        raise StorageError(f"{path}: expected TOML, got: {error}") from error
+        raise StorageError(f"{path}: expected TOML, got: {reason(error)}") from error
 
 
 def _validated(path: Path, text: str, content: Any) -> ProblemFile:
@@ -465,7 +466,11 @@ def _validated(path: Path, text: str, content: Any) -> ProblemFile:
         return ProblemFile.model_validate(content)
     except ValidationError as error:
         first = error.errors(include_url=False)[0]
-        line = _line_of(path, text, first["loc"])
+        place = first["loc"]
+        named = re.match(r"Value error, ([a-z_]+):", str(first["msg"]))
+        if not place and named:
+            place = (named[1],)
+        line = _line_of(path, text, place)
         raise InvalidInputError(f"{path}, line {line}: {_message(first)}") from None
     except OverflowError as error:
         raise InvalidInputError(f"{path}: expected numbers up to 1e12, got: {error}") from None
@@ -491,7 +496,8 @@ def _message(error: Any) -> str:
     if isinstance(got, list | dict | str) and len(got) > 8:
         got = f"{type(got).__name__} of {len(got)}"
         return f"{before}{text}, got a {got}"
-    return f"{before}{text}, got {got!r:.80}"
+    said = repr(got)
+    return f"{before}{text}, got {said if len(said) <= 60 else said[:57] + '...'}"
 
 
 def _fields_at(loc: Sequence[int | str]) -> list[str]:
@@ -643,6 +649,40 @@ def file_of(problem: Problem, *, length: str = "m", origin: Sequence[float] = (0
             robot=RobotPart.of(problem.robot),
             obstacles=[_polygon_part(one) for one in problem.environment.obstacles],
             regions={name: Shape(geojson=_geojson(shape)) for name, shape in problem.regions.items()},
+        )
+    except ValidationError as error:
+        raise InvalidInputError(_message(error.errors(include_url=False)[0])) from None
+
+
+def map_file(
+    source: Path,
+    environment: Environment,
+    robot: Robot | None,
+    poses: Mapping[str, Sequence[float]],
+    rotation_weight: float | None = None,
+) -> ProblemFile:
+    """The model of a workspace with what else is known of a problem in it.
+
+    Where ``source`` is a problem file, all that it says besides stays.
+
+    Raises:
+        InvalidInputError: A number beyond what a file may have.
+    """
+    fields: dict[str, Any] = {"format": FORMAT, "name": source.stem}
+    if source.suffix.lower() in PROBLEM_SUFFIXES:
+        model = read_problem_file(source)
+        kept = ("name", "origin", "goal_rule", "regions")
+        fields |= {name: getattr(model, name) for name in kept}
+        fields["units"] = Units(length=model.units.length)
+    try:
+        return ProblemFile(
+            **fields,
+            bounds=list(environment.bounds),
+            start=list(poses["start"]) if "start" in poses else None,
+            goal=list(poses["goal"]) if "goal" in poses else None,
+            metric=Metric(rotation_weight=rotation_weight),
+            robot=None if robot is None else RobotPart.of(robot),
+            obstacles=[_polygon_part(one) for one in environment.obstacles],
         )
     except ValidationError as error:
         raise InvalidInputError(_message(error.errors(include_url=False)[0])) from None

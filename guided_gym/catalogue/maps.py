@@ -25,6 +25,7 @@ from guided_gym.checks import number
 from guided_gym.errors import GuidedGymError, InvalidInputError, StorageError
 from guided_gym.geometry.environment import Environment
 from guided_gym.geometry.occupancy import MOST_CELLS, UNKNOWN
+from guided_gym.guidance.learned.weights import write_atomically
 
 FloatArray = npt.NDArray[np.float64]
 
@@ -721,6 +722,23 @@ def _projected(
     return [(label, role, shapely.transform(shape, metres)) for label, role, shape in shapes]
 
 
+def write_geojson(path: Path, environment: Environment) -> None:
+    """Write an environment as GeoJSON, from which `read_geojson` makes the same one.
+
+    Raises:
+        StorageError: The file cannot be written.
+    """
+    bounds = shapely.box(*environment.bounds)
+    rows = [
+        json.dumps(
+            {"type": "Feature", "properties": {"role": role}, "geometry": shapely.geometry.mapping(shape)}
+        )
+        for role, shape in (("bounds", bounds), *(("obstacle", one) for one in environment.obstacles))
+    ]
+    text = '{"type": "FeatureCollection", "features": [\n' + ",\n".join(rows) + "\n]}\n"
+    write_atomically(path, text.encode("utf-8"))
+
+
 # All of them ------------------------------------------------------------------------------------------------
 
 
@@ -734,9 +752,7 @@ def parsed_json(path: Path, text: str) -> Any:
     def unique(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
         content = dict(pairs)
         if len(content) < len(pairs):
-            names = [name for name, _ in pairs]
-            twice = next(name for name in names if names.count(name) > 1)
-            raise _DuplicateError(twice)
+            raise _DuplicateError
         return content
 
     def refuse(word: str) -> Any:
@@ -746,17 +762,23 @@ def parsed_json(path: Path, text: str) -> Any:
         return json.loads(text, object_pairs_hook=unique, parse_constant=refuse)
     except json.JSONDecodeError as error:
         raise StorageError(f"{path}, line {error.lineno}: expected JSON, got: {error.msg}") from error
-    except _DuplicateError as error:
-        name = str(error.args[0])
+    except _DuplicateError:
+        line, name = _second_key(text)
         raise StorageError(
-            f"{path}, {_line_of_second(text, name)}: expected each key once, got {name[:60]!r} twice"
+            f"{path}, line {line}: expected each key once, got {name[:60]!r} a second time"
         ) from None
     except _ConstantError as error:
         word = str(error.args[0])
         line = text.count("\n", 0, text.find(word)) + 1
         raise StorageError(f"{path}, line {line}: expected finite numbers, got {word}") from None
     except (ValueError, RecursionError) as error:
-        raise StorageError(f"{path}: expected JSON, got: {error}") from error
+        raise StorageError(f"{path}: expected JSON, got: {reason(error)}") from error
+
+
+def reason(error: Exception) -> str:
+    """What a parser says, in words that fit a file."""
+    text = str(error)
+    return "an integer of thousands of digits" if "integer string conversion" in text else text
 
 
 class _DuplicateError(Exception):
@@ -767,11 +789,26 @@ class _ConstantError(Exception):
     """NaN or an infinity."""
 
 
-def _line_of_second(text: str, name: str) -> str:
-    """Where a key stands a second time in the same object."""
-    quoted = re.compile(re.escape(json.dumps(name)) + r"\s*:|" + re.escape(f'"{name}"') + r"\s*:")
-    lines = [text.count("\n", 0, match.start()) + 1 for match in quoted.finditer(text)]
-    return f"line {lines[1]}" if len(lines) == 2 else f"one of the lines {lines[:5]}"
+_JSON_TOKEN: Final = re.compile(r'"(?:\\.|[^"\\])*"|[\[\]{}:,]')
+
+
+def _second_key(text: str) -> tuple[int, str]:
+    """The line of the first key that stands in its object a second time, and that key."""
+    keys: list[set[str] | None] = []  # of each object that is open; None for a list
+    last = ""
+    for match in _JSON_TOKEN.finditer(text):
+        token = match.group()
+        if token in "{[":
+            keys.append(set() if token == "{" else None)
+        elif token in "}]":
+            keys.pop()
+        elif token == ":" and keys and keys[-1] is not None:
+            if last in keys[-1]:
+                return text.count("\n", 0, match.start()) + 1, str(json.loads(last))
+            keys[-1].add(last)
+        elif token[0] == '"':
+            last = json.dumps(json.loads(token))
+    return 1, ""
 
 
 def needed(module: str, package: str) -> ModuleType:
