@@ -156,7 +156,7 @@ def evaluate(
     """Evaluate guidances on environments: a table, a results file and figures. Call it again to resume."""
     from guided_gym.options import TargetParameters
     from guided_gym.train.evaluation import evaluate as run
-    from guided_gym.train.specs import EvaluationSettings, words
+    from guided_gym.train.specs import EvaluationSettings, file_label, words
 
     settings = EvaluationSettings(
         max_samples=max_samples,
@@ -169,7 +169,7 @@ def evaluate(
         goal_edge=goal_edge,
     )
     names, guidances = words("env", env), words("guidance", guidance)
-    folder = out or Path("results") / "+".join(names)
+    folder = out or Path("results") / "+".join(map(file_label, names))
     with progress_bar(f"Evaluating on {', '.join(names)}", folder) as progress:
         results = run(
             names, guidances, seeds=seeds, workers=workers, out=folder, settings=settings,
@@ -215,10 +215,10 @@ def database_build(
 ) -> None:
     """Solve problems of an environment and keep their paths. Call it again to resume, or for more paths."""
     from guided_gym.train.paths import build_path_database
-    from guided_gym.train.specs import import_modules
+    from guided_gym.train.specs import file_label, import_modules
 
     import_modules(imports or ())
-    file = out or Path("databases") / f"{env}.sqlite"
+    file = out or Path("databases") / f"{file_label(env)}.sqlite"
     with progress_bar(f"Solving {env}", file) as progress:
         report = build_path_database(
             env, file, paths, workers=workers, offset=seed, imports=tuple(imports or ()), progress=progress

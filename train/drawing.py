@@ -11,7 +11,7 @@ from guided_gym.train import figures
 from guided_gym.train.claims import DATABASE_SIZES, DRAWN, PROBLEMS, database_label
 from guided_gym.train.evaluation import Plan, run_once
 from guided_gym.train.results import Results
-from guided_gym.train.specs import made
+from guided_gym.train.specs import file_label, made
 from guided_gym.train.statistics import Interval, bootstrap
 
 if TYPE_CHECKING:
@@ -76,11 +76,12 @@ def _save_all(named: Named, folder: Path, drawn: Callable[[str], None] | None) -
 def _evaluation_figures(results: Results, plans: Sequence[Plan]) -> Named:
     for environment in results.environments():
         guidances = results.guidances(environment)
-        yield f"{environment}-efficiency", curves(results, environment, guidances)
-        yield f"{environment}-regions", region_bars(results, environment, guidances)
+        name = file_label(environment)
+        yield f"{name}-efficiency", curves(results, environment, guidances)
+        yield f"{name}-regions", region_bars(results, environment, guidances)
         seed = min(run.seed for run in results.runs if run.environment == environment)
         chosen = [plan for plan in plans if plan.environment == environment][:_PANELS]
-        yield from _examples_drawn(f"{environment}-", [_example(plan, seed) for plan in chosen])
+        yield from _examples_drawn(f"{name}-", [_example(plan, seed) for plan in chosen])
 
 
 def _paper_figures(results: Results, plans: Sequence[Plan]) -> Named:

@@ -69,7 +69,7 @@ def plan(
         str, typer.Option(help="A guidance; auto: a wave on a grid as fine as the robot is small.")
     ] = "auto",
     seed: Annotated[int, typer.Option(help="Seed of every random choice.")] = 0,
-    max_samples: Annotated[int, typer.Option(help="Samples after which a search gives up.")] = 5000,
+    max_samples: Annotated[int, typer.Option(help="Samples after which a search gives up.")] = 2000,
     smooth: Annotated[
         int, typer.Option(help="Attempts to make the path shorter; certified like the path.")
     ] = 0,

@@ -33,7 +33,7 @@ FloatArray = NDArray[np.float64]
 AUTO: Final = "auto"
 """What guides unless something else is asked for: a wave on a grid as fine as the robot is small."""
 
-MAX_SAMPLES: Final = 5000
+MAX_SAMPLES: Final = 2000
 _FEWEST, _MOST = 56, 160  # cells along the grid
 _CELLS_A_ROBOT: Final = 1.0
 _STEP_RADII: Final = 8.0
