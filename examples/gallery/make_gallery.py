@@ -1,7 +1,7 @@
 """Makes the maps of this folder: run it here, then draw with the commands of docs/maps.md.
 
-A floor plan with walls and doors, an office from a raster as a robot's map server has it, a warehouse of racks,
-and a block of houses as GeoJSON.
+A floor plan with walls and doors, an office from a raster as a robot's map server has it, a warehouse of
+racks, and a block of houses as GeoJSON.
 """
 
 from __future__ import annotations
@@ -29,7 +29,8 @@ def floor_plan() -> None:
         box(10.4, 4.8, 12, 4.8 + WALL), box(5.2, 4.8, 5.2 + WALL, 8), box(8.6, 4.8, 8.6 + WALL, 8),
     ]  # fmt: skip
     furniture = [
-        box(0.4, 0.4, 2.4, 2.0), box(3.4, 0.3, 4.2, 0.8), Polygon([(6, 1.2), (7.4, 0.9), (7.7, 2.1), (6.3, 2.4)]),
+        box(0.4, 0.4, 2.4, 2.0), box(3.4, 0.3, 4.2, 0.8),
+        Polygon([(6, 1.2), (7.4, 0.9), (7.7, 2.1), (6.3, 2.4)]),
         box(9.6, 0.3, 11.6, 1.2), box(0.4, 5.6, 2.0, 7.6), box(3.4, 7.2, 5.0, 7.7), box(5.6, 6.8, 6.6, 7.7),
         box(9.0, 7.0, 10.0, 7.7), Polygon([(11.2, 5.6), (11.7, 5.8), (11.5, 6.6), (11.0, 6.4)]),
     ]  # fmt: skip
@@ -48,10 +49,8 @@ def office_raster() -> NDArray[np.uint8]:
     grid = np.full((200, 300), 254, np.uint8)
 
     def wall(x0: float, y0: float, x1: float, y1: float) -> None:
-        grid[
-            int(y0 * 20) : max(int(y1 * 20), int(y0 * 20) + 3),
-            int(x0 * 20) : max(int(x1 * 20), int(x0 * 20) + 3),
-        ] = 0
+        row, column = int(y0 * 20), int(x0 * 20)
+        grid[row : max(int(y1 * 20), row + 3), column : max(int(x1 * 20), column + 3)] = 0
 
     for x in (0.0, 14.85):
         wall(x, 0, x, 10)
@@ -85,7 +84,8 @@ def office() -> None:
         "negate: 0\noccupied_thresh: 0.65\nfree_thresh: 0.196\n"
     )
     (FOLDER / "office.toml").write_text(
-        'format = "guided-gym problem 1"\nname = "Office"\nstart = [0.6, 1.8, 0.0]\ngoal = [9.4, 6.4, 0.0]\n\n'
+        'format = "guided-gym problem 1"\nname = "Office"\n'
+        "start = [0.6, 1.8, 0.0]\ngoal = [9.4, 6.4, 0.0]\n\n"
         '# A robot of 0.6 x 0.45 m.\n[robot]\nkind = "rectangle"\nlength = 0.6\nwidth = 0.45\n\n'
         '[map]\nfile = "office.yaml"\nspeckles = 3  # cells that a laser saw and that are not there\n'
     )
