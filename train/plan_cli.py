@@ -212,6 +212,8 @@ def convert(
             f"{target}: expected .toml, .json, .geojson, .svg, .png or .pdf, got {target.suffix!r}"
         )
     options = _map_options(unknown, threshold, simplify, speckles, resolution, geographic, repair)
+    body: Robot | None
+    poses: dict[str, list[float]] = {}
     if source.suffix.lower() == ".scen":
         from guided_gym.catalogue.files import ScenarioProblems
 
@@ -219,7 +221,7 @@ def convert(
         if not 0 <= task < len(problems):
             raise InvalidInputError(f"task: expected 0 to {len(problems) - 1}, got {task}")
         problem = problems[task]
-        environment, body, poses, model = problem.environment, problem.robot, {}, file_of(problem)
+        environment, body, model = problem.environment, problem.robot, file_of(problem)
     else:
         environment, body, poses, weight = _parts(source, robot, start, goal, options)
         model = map_file(source, environment, body, poses, weight)

@@ -86,7 +86,7 @@ def check_figure(
     for number, gap in enumerate(gaps, start=1):
         axes.plot(*gap.ends.T, color=_GAP, linewidth=1.6, zorder=6, solid_capstyle="round")
         axes.annotate(
-            str(number), gap.middle, xytext=(4, 4), textcoords="offset points", color=_GAP, zorder=9
+            str(number), tuple(gap.middle.tolist()), xytext=(4, 4), textcoords="offset points", color=_GAP, zorder=9
         )
     for label, q, free in poses:
         if robot is None:
@@ -95,7 +95,7 @@ def check_figure(
         workspace.draw_outline(axes, robot, np.asarray(q, np.float64), colour)
         if not free:
             text = f"{label}: not free"
-            axes.annotate(text, q[:2], xytext=(8, 8), textcoords="offset points", color=colour, zorder=9)
+            axes.annotate(text, (q[0], q[1]), xytext=(8, 8), textcoords="offset points", color=colour, zorder=9)
     axes.set_title(title)
     return figure
 

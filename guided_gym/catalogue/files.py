@@ -201,7 +201,7 @@ class RobotPart(_Model):
             forms.append({"kind": "polygon", "corners": shapely.get_coordinates(outline)[:-1].tolist()})
         forms.append({"kind": "outline", "outline": _geojson(outline)})
         for form in forms:
-            part = cls(**form, dimension=robot.dimension, name=robot.name)
+            part = cls.model_validate({**form, "dimension": robot.dimension, "name": robot.name})
             try:
                 same = shapely.to_wkb(part.robot().outline) == shapely.to_wkb(outline)
             except InvalidInputError:
@@ -601,7 +601,8 @@ def load_problem(path: str | Path) -> Problem:
     """
     path = Path(path)
     model = read_problem_file(path)
-    return _built(path, lambda: model.problem(path.parent))
+    problem: Problem = _built(path, lambda: model.problem(path.parent))
+    return problem
 
 
 def load_environment(path: str | Path, options: MapOptions = DEFAULT_OPTIONS) -> Environment:
@@ -610,7 +611,8 @@ def load_environment(path: str | Path, options: MapOptions = DEFAULT_OPTIONS) ->
     if path.suffix.lower() not in PROBLEM_SUFFIXES:
         return read_map(path, options)
     model = read_problem_file(path)
-    return _built(path, lambda: model.environment(path.parent))
+    environment: Environment = _built(path, lambda: model.environment(path.parent))
+    return environment
 
 
 def _built(path: Path, build: Any) -> Any:

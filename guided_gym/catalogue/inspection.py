@@ -67,7 +67,8 @@ def robot_widths(robot: Robot) -> tuple[float, float]:
 
 def hit_obstacles(environment: Environment, shape: shapely.Geometry) -> list[int]:
     """Numbers of the obstacles that a placed robot touches."""
-    return shapely.STRtree(environment.obstacles).query(shape, predicate="intersects").tolist()
+    tree = shapely.STRtree(environment.obstacles)
+    return [int(i) for i in tree.query(shape, predicate="intersects")]
 
 
 def nearest_free_pose(space: ConfigurationSpace, q: FloatArray) -> FloatArray | None:
