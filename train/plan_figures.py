@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
+from numpy.typing import NDArray
 
 from guided_gym.train import workspace_axes as workspace
 from guided_gym.train.style import COLUMN, PAGE, new_figure, styled
@@ -20,6 +21,8 @@ if TYPE_CHECKING:
     from guided_gym.geometry.robots import Robot
     from guided_gym.problems import Problem
     from guided_gym.train.plans import Answer
+
+FloatArray = NDArray[np.float64]
 
 _GAP = "#CC79A7"
 _SHADES = ("#D55E00", "#0072B2", "#009E73", "#CC79A7", "#E69F00", "#56B4E9", "#882255")
@@ -85,9 +88,7 @@ def check_figure(
     workspace.draw_workspace(axes, environment)
     for number, gap in enumerate(gaps, start=1):
         axes.plot(*gap.ends.T, color=_GAP, linewidth=1.6, zorder=6, solid_capstyle="round")
-        axes.annotate(
-            str(number), tuple(gap.middle.tolist()), xytext=(4, 4), textcoords="offset points", color=_GAP, zorder=9
-        )
+        _write(axes, str(number), gap.middle, 4, _GAP)
     for label, q, free in poses:
         if robot is None:
             continue
@@ -95,9 +96,15 @@ def check_figure(
         workspace.draw_outline(axes, robot, np.asarray(q, np.float64), colour)
         if not free:
             text = f"{label}: not free"
-            axes.annotate(text, (q[0], q[1]), xytext=(8, 8), textcoords="offset points", color=colour, zorder=9)
+            _write(axes, text, q, 8, colour)
     axes.set_title(title)
     return figure
+
+
+def _write(axes: Axes, text: str, place: Sequence[float] | FloatArray, away: int, colour: str) -> None:
+    """Text beside a place, so many points away."""
+    at = float(place[0]), float(place[1])
+    axes.annotate(text, at, xytext=(away, away), textcoords="offset points", color=colour, zorder=9)
 
 
 def _sheet(environment: Environment, width: float) -> tuple[Figure, Axes]:

@@ -103,8 +103,8 @@ class Environment:
             outside=unknown == "occupied",
         )
         environment = cls(cells.bounds, cells.polygons)
-        if cells.pieces is not None:  # far fewer and sooner than by triangles
-            environment.__dict__["pieces"] = cells.pieces
+        if cells.cover is not None:  # far fewer and sooner than by triangles
+            environment.__dict__["cover"] = cells.cover
         return environment
 
     @property

@@ -13,6 +13,7 @@ import shapely
 
 from guided_gym.checks import integer, number
 from guided_gym.errors import InvalidInputError
+from guided_gym.geometry.convex import Pieces
 
 IntArray = npt.NDArray[np.int64]
 BoolArray = npt.NDArray[np.bool_]
@@ -53,12 +54,12 @@ class CellObstacles:
     Attributes:
         bounds: (xmin, ymin, xmax, ymax) of the raster (length).
         polygons: The union of the occupied cells, part by part.
-        pieces: Convex pieces (V, 2) that cover the polygons exactly; None where that is not known.
+        cover: Convex pieces that cover the polygons exactly, few of them; None where that is not known.
     """
 
     bounds: tuple[float, float, float, float]
     polygons: tuple[shapely.Polygon, ...]
-    pieces: list[FloatArray] | None
+    cover: Pieces | None
 
 
 def occupied_cells(array: object, *, unknown: str = "occupied", threshold: float = 0.5) -> BoolArray:
@@ -146,7 +147,7 @@ def cell_obstacles(
     frame = placed(np.array([[0, 0], [columns, 0], [columns, rows], [0, rows]]))
     low, high = frame.min(axis=0).tolist(), frame.max(axis=0).tolist()
     polygons = shapely.transform(np.array(cell_polygons(occupied), dtype=object), placed).tolist()
-    pieces = None
+    pieces: list[FloatArray] | None = None
     if simplify > 0:
         polygons = shapely.simplify(np.array(polygons, dtype=object), simplify / 2.0).tolist()
     else:
@@ -157,7 +158,13 @@ def cell_obstacles(
         polygons += rest
         if pieces is not None:
             pieces += [shapely.get_coordinates(part)[:-1] for part in shapely.orient_polygons(rest)]
-    return CellObstacles((*low, *high), tuple(polygons), pieces)
+    return CellObstacles((*low, *high), tuple(polygons), None if pieces is None else _joined(pieces))
+
+
+def _joined(pieces: list[FloatArray]) -> Pieces:
+    """Convex pieces (V, 2) each as one array."""
+    vertices = np.concatenate(pieces) if pieces else np.zeros((0, 2))
+    return Pieces(np.ascontiguousarray(vertices), np.cumsum([len(piece) for piece in pieces], dtype=np.int64))
 
 
 def cell_polygons(occupied: BoolArray) -> list[shapely.Polygon]:
