@@ -20,6 +20,8 @@ if TYPE_CHECKING:
         ProblemList,
         SampledProblems,
     )
+    from guided_gym.catalogue.files import ProblemFile, load_environment, load_problem, save_problem
+    from guided_gym.catalogue.maps import MapOptions, read_map, read_scenario
     from guided_gym.catalogue.next_mazes import load_next_mazes
     from guided_gym.catalogue.splits import problem_seed
     from guided_gym.catalogue.table import distribution_names, make_distribution, register_distribution
@@ -63,10 +65,22 @@ if TYPE_CHECKING:
     from guided_gym.search.tree import SearchTree
     from guided_gym.storage.path_file import PathDatabase
     from guided_gym.storage.path_library import PathLibrary
+    from guided_gym.trajectories import (
+        Trajectory,
+        headings,
+        path_clearance,
+        path_length,
+        shortcut,
+        smooth,
+        spaced_path,
+        time_path,
+    )
 
 # All that is public, and where it lives: a name that is not here may change without notice. Imported when
 # first used: `import guided_gym` stays quick, and registers the environments all the same.
 _HOMES: dict[str, tuple[str, ...]] = {
+    "catalogue.files": ("ProblemFile", "load_environment", "load_problem", "save_problem"),
+    "catalogue.maps": ("MapOptions", "read_map", "read_scenario"),
     "catalogue.distributions": ("FixedProblem", "ProblemDistribution", "ProblemList", "SampledProblems"),
     "catalogue.next_mazes": ("load_next_mazes",),
     "catalogue.splits": ("problem_seed",),
@@ -103,6 +117,16 @@ _HOMES: dict[str, tuple[str, ...]] = {
     "search.local_planner": ("LocalPlanner",),
     "search.search": ("Expansion", "Search"),
     "search.tree": ("SearchTree",),
+    "trajectories": (
+        "Trajectory",
+        "headings",
+        "path_clearance",
+        "path_length",
+        "shortcut",
+        "smooth",
+        "spaced_path",
+        "time_path",
+    ),
     "storage.path_file": ("PathDatabase",),
     "storage.path_library": ("PathLibrary",),
     # The rooms above the core, by name only: the core does not import them.
@@ -132,6 +156,7 @@ _HOMES: dict[str, tuple[str, ...]] = {
     "train.claims": ("ClaimResult", "check_claims"),
     "train.evaluation": ("evaluate",),
     "train.paths": ("build_path_database",),
+    "train.plans": ("Answer", "Planner"),
     "train.reproduction": ("reproduce",),
     "train.results": ("Results", "Run"),
     "train.single_step": ("single_step",),
@@ -142,6 +167,7 @@ _HOME = {name: module for module, names in _HOMES.items() for name in names}
 
 __all__ = [
     "Agent",
+    "Answer",
     "Choice",
     "ClaimResult",
     "Composed",
@@ -164,6 +190,7 @@ __all__ = [
     "JensenShannonReward",
     "Lesson",
     "LocalPlanner",
+    "MapOptions",
     "Measure",
     "NoPathError",
     "NodeColumn",
@@ -171,8 +198,10 @@ __all__ = [
     "Oracle",
     "PathDatabase",
     "PathLibrary",
+    "Planner",
     "Problem",
     "ProblemDistribution",
+    "ProblemFile",
     "ProblemList",
     "ProblemPool",
     "RandomAgent",
@@ -189,6 +218,7 @@ __all__ = [
     "StorageError",
     "TargetParameters",
     "Task",
+    "Trajectory",
     "TreeObservation",
     "UnknownNameError",
     "__version__",
@@ -201,14 +231,21 @@ __all__ = [
     "figures",
     "guidance_names",
     "guided_search",
+    "headings",
     "jensen_shannon",
+    "load_environment",
     "load_next_mazes",
+    "load_problem",
     "make_agent",
     "make_distribution",
     "make_guidance",
     "make_guides",
     "node_table",
+    "path_clearance",
+    "path_length",
     "problem_seed",
+    "read_map",
+    "read_scenario",
     "register_distribution",
     "register_environment",
     "register_guidance",
@@ -218,11 +255,16 @@ __all__ = [
     "rollout",
     "rollout_bytes",
     "sampling_efficiency",
+    "save_problem",
+    "shortcut",
     "single_step",
+    "smooth",
+    "spaced_path",
     "streams",
     "suboptimality",
     "summarise",
     "target",
+    "time_path",
     "valid_nodes",
 ]
 

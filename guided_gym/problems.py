@@ -4,9 +4,12 @@ from __future__ import annotations
 
 import copy
 import hashlib
-from collections.abc import Mapping
+import importlib
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
+from pathlib import Path
+from typing import Final
 
 import numpy as np
 import shapely
@@ -18,6 +21,9 @@ from guided_gym.errors import InvalidInputError
 from guided_gym.geometry.environment import Environment
 from guided_gym.geometry.robots import Robot
 from guided_gym.geometry.space import LARGEST_ANGLE, ConfigurationSpace
+
+# By name: files stand above problems.
+_FILES: Final = "guided_gym.catalogue.files"
 
 
 @dataclass(frozen=True, eq=False)
@@ -173,6 +179,49 @@ class Problem:
         other.__dict__.pop("fingerprint", None)
         object.__setattr__(other, "task", self.task.ending(tolerance, by_edge))
         return other
+
+    def asking(self, task: Task, name: str | None = None) -> Problem:
+        """This problem with another task, in the same space: nothing of it is built anew.
+
+        Args:
+            task: The task.
+            name: Another name; None leaves it as it is.
+
+        Raises:
+            InvalidInputError: As `Problem`.
+        """
+        other = copy.copy(self)
+        other.__dict__.pop("fingerprint", None)
+        object.__setattr__(other, "task", task)
+        object.__setattr__(other, "name", self.name if name is None else name)
+        _ = self.space, other.__dict__.setdefault("space", self.space)
+        other.__post_init__()
+        return other
+
+    def save(self, path: str | Path, *, length: str = "m", origin: Sequence[float] = (0.0, 0.0)) -> None:
+        """Write the problem into a file from which `load` makes the same one, to the last bit.
+
+        Args:
+            path: A ``.toml`` or ``.json`` file (docs/maps.md has the format).
+            length: Name of the unit of length, for people.
+            origin: Where (0, 0) lies in the world, for people.
+
+        Raises:
+            InvalidInputError: Another extension.
+            StorageError: The file cannot be written.
+        """
+        importlib.import_module(_FILES).save_problem(self, path, length=length, origin=origin)
+
+    @staticmethod
+    def load(path: str | Path) -> Problem:
+        """The problem of a ``.toml`` or ``.json`` problem file (docs/maps.md has the format).
+
+        Raises:
+            StorageError: The file cannot be read, or is damaged; names the line.
+            InvalidInputError: A field is missing or cannot be used; names line and field.
+        """
+        problem: Problem = importlib.import_module(_FILES).load_problem(path)
+        return problem
 
     @property
     def begins_solved(self) -> bool:

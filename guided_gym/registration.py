@@ -33,9 +33,13 @@ SELECTIONS: Final[dict[str, str]] = {
     "guided_gym/RandomGuideSelection-v0": "RandomTrapCup",
 }
 
+# On the problem of a file, which is the option ``path``.
+FILE_ENVIRONMENT: Final = "guided_gym/ProblemFile-v0"
+FILE_ENTRY_POINT: Final = "guided_gym.envs.problem_file_env:ProblemFileEnv"
+
 
 def register_environments() -> None:
-    """Register every id of `ENVIRONMENTS` and `SELECTIONS`; those already there are left alone.
+    """Register every id of these tables; those already there are left alone.
 
     No step limit is registered: the environment truncates by itself, at ``max_samples``.
     """
@@ -48,3 +52,5 @@ def register_environments() -> None:
                     vector_entry_point=VECTOR_ENTRY_POINT if entry_point is ENTRY_POINT else None,
                     kwargs={"distribution": distribution},
                 )
+    if FILE_ENVIRONMENT not in gymnasium.registry:
+        gymnasium.register(FILE_ENVIRONMENT, entry_point=FILE_ENTRY_POINT)

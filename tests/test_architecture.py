@@ -88,6 +88,7 @@ CORE = (
     "options",
     "randomness",
     "problems",
+    "trajectories",
     "search",
     "storage",
     "measure",

@@ -12,6 +12,7 @@ import typer
 from typer.core import TyperGroup
 
 from guided_gym.errors import GuidedGymError, GuidedGymWarning
+from guided_gym.train.plan_cli import register as register_plans
 from guided_gym.train.reinforcement_cli import train_app
 from guided_gym.train.terminal import EXIT_INTERRUPTED, console, drawing_status, progress_bar
 
@@ -163,7 +164,7 @@ def evaluate(
     """Evaluate guidances on environments: a table, a results file and figures. Call it again to resume."""
     from guided_gym.options import TargetParameters
     from guided_gym.train.evaluation import evaluate as run
-    from guided_gym.train.specs import EvaluationSettings, words
+    from guided_gym.train.specs import EvaluationSettings, file_label, words
 
     settings = EvaluationSettings(
         max_samples=max_samples,
@@ -178,7 +179,8 @@ def evaluate(
         protocol=protocol,
     )
     names, guidances = words("env", env), words("guidance", guidance)
-    folder = out or Path("results") / ("+".join(names) + ("" if protocol == "whole" else f"-{protocol}"))
+    label = "+".join(map(file_label, names))
+    folder = out or Path("results") / (label + ("" if protocol == "whole" else f"-{protocol}"))
     with progress_bar(f"Evaluating on {', '.join(names)}", folder) as progress:
         results = run(
             names, guidances, seeds=seeds, workers=workers, out=folder, settings=settings,
@@ -254,10 +256,10 @@ def database_build(
 ) -> None:
     """Solve problems of an environment and keep their paths. Call it again to resume, or for more paths."""
     from guided_gym.train.paths import build_path_database
-    from guided_gym.train.specs import import_modules
+    from guided_gym.train.specs import file_label, import_modules
 
     import_modules(imports or ())
-    file = out or Path("databases") / f"{env}.sqlite"
+    file = out or Path("databases") / f"{file_label(env)}.sqlite"
     with progress_bar(f"Solving {env}", file) as progress:
         report = build_path_database(
             env, file, paths, workers=workers, offset=seed, imports=tuple(imports or ()), progress=progress
@@ -289,6 +291,9 @@ def warmup() -> None:
 
     seconds = warm_up(lambda name, spent: console().print(f"{spent:6.1f} s  {name}"))
     console().print(f"ready after {seconds:.0f} s")
+
+
+register_plans(app)
 
 
 def _names_table(title: str, rows: list[tuple[str, str]]) -> Any:

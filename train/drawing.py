@@ -16,7 +16,7 @@ from guided_gym.train import figures
 from guided_gym.train.claims import DATABASE_SIZES, DRAWN, PROBLEMS, database_label
 from guided_gym.train.evaluation import Plan, run_once
 from guided_gym.train.results import Column, Results, grid_shape
-from guided_gym.train.specs import made
+from guided_gym.train.specs import file_label, made
 from guided_gym.train.statistics import Interval, bootstrap
 
 if TYPE_CHECKING:
@@ -81,14 +81,15 @@ def _save_all(named: Named, folder: Path, drawn: Callable[[str], None] | None) -
 def _evaluation_figures(results: Results, plans: Sequence[Plan]) -> Named:
     for environment in results.environments():
         guidances = results.guidances(environment)
+        name = file_label(environment)
         ceiling = _ceiling([plan for plan in plans if plan.environment == environment])
-        yield f"{environment}-efficiency", progress(results, environment, guidances, ceiling)
-        yield f"{environment}-regions", region_bars(results, environment, guidances)
-        yield f"{environment}-places", places(results, environment, guidances)
-        yield f"{environment}-cost", trade_off(results, environment, guidances)
+        yield f"{name}-efficiency", progress(results, environment, guidances, ceiling)
+        yield f"{name}-regions", region_bars(results, environment, guidances)
+        yield f"{name}-places", places(results, environment, guidances)
+        yield f"{name}-cost", trade_off(results, environment, guidances)
         seed = min(run.seed for run in results.runs if run.environment == environment)
         chosen = [plan for plan in plans if plan.environment == environment][:_PANELS]
-        yield from _examples_drawn(f"{environment}-", [_example(plan, seed) for plan in chosen])
+        yield from _examples_drawn(f"{name}-", [_example(plan, seed) for plan in chosen])
 
 
 def _ceiling(plans: Sequence[Plan]) -> float | None:

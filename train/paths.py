@@ -10,10 +10,10 @@ from numpy.typing import NDArray
 
 from guided_gym.checks import integer
 from guided_gym.errors import InvalidInputError, StorageError
-from guided_gym.geometry.space import ConfigurationSpace
 from guided_gym.storage.path_build import BuildReport, Progress, build_database
 from guided_gym.storage.path_file import DatabaseHeader
 from guided_gym.train.specs import import_modules
+from guided_gym.trajectories import shortcut
 
 SEED_OFFSET = 1_000_000  # a database's problems are others than the ones that evaluation uses
 MAX_SAMPLES = 20_000
@@ -41,26 +41,6 @@ def solve_path(
     if result.path is None:
         return None
     return shortcut(problem.space, result.path, np.random.default_rng(offset + seed), _SHORTCUTS)
-
-
-def shortcut(
-    space: ConfigurationSpace, path: NDArray[np.float64], rng: np.random.Generator, attempts: int
-) -> NDArray[np.float64]:
-    """A path that is not longer: waypoints between two that see each other are dropped, over and over.
-
-    Args:
-        space: The configuration space.
-        path: (n, d) a free path.
-        rng: Which two waypoints to look at.
-        attempts: How often to try.
-    """
-    for _ in range(attempts):
-        if len(path) < 3:
-            break
-        first, last = np.sort(rng.choice(len(path), 2, replace=False))
-        if last - first > 1 and space.motion_free(path[first], path[last]):
-            path = np.delete(path, np.s_[first + 1 : last], axis=0)
-    return path
 
 
 def build_path_database(

@@ -384,6 +384,13 @@ def package_version() -> str:
         return "unknown"
 
 
+def file_label(environment: str) -> str:
+    """An environment's name as part of a file's name; of a problem file without folder and extension."""
+    from guided_gym.catalogue.files import is_file_name
+
+    return Path(environment).stem if is_file_name(environment) else environment
+
+
 def words(option: str, text: str) -> list[str]:
     """The items of a list with commas, as options have it; none of an empty text.
 

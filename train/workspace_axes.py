@@ -21,6 +21,8 @@ from guided_gym.guidance.cells import Uninformed, Voronoi
 from guided_gym.train.style import INK, TARGET_MAP
 
 if TYPE_CHECKING:
+    from guided_gym.geometry.environment import Environment
+    from guided_gym.geometry.robots import Robot
     from guided_gym.guidance.base import GuidingSpace
     from guided_gym.problems import Problem
     from guided_gym.search.search import Search
@@ -63,7 +65,12 @@ def _patch(shape: Any) -> PathPatch:
 
 def draw_robot(axes: Axes, problem: Problem, q: FloatArray, colour: str, *, filled: bool = False) -> None:
     """The robot's outline at a configuration."""
-    shape = problem.robot.placed(q)
+    draw_outline(axes, problem.robot, q, colour, filled=filled)
+
+
+def draw_outline(axes: Axes, robot: Robot, q: FloatArray, colour: str, *, filled: bool = True) -> None:
+    """A robot's outline at a configuration, free or not."""
+    shape = robot.placed(q)
     zorder = _TASK if filled else _PATH
     if isinstance(shape, shapely.Point):
         axes.plot(shape.x, shape.y, "o", color=colour, markersize=4.5 if filled else 2.5, zorder=zorder)

@@ -15,6 +15,7 @@ from shapely.geometry.base import BaseGeometry
 
 from guided_gym.catalogue.clutter import random_clutter
 from guided_gym.catalogue.distributions import FixedProblem, ProblemDistribution, SampledProblems
+from guided_gym.catalogue.files import file_distribution, is_file_name
 from guided_gym.catalogue.mazes import hard_point_maze, hard_stick_maze, random_maze, random_point_maze
 from guided_gym.catalogue.next_mazes import next_point, next_stick
 from guided_gym.catalogue.shapes import SIZE, columns, cup, rectangle_robot, wall
@@ -144,7 +145,7 @@ def register_distribution(
             "replace=True takes its place"
         )
     _CATALOGUE[name] = factory
-    make_distribution.cache_clear()
+    named_distribution.cache_clear()
 
 
 def distribution_names() -> list[str]:
@@ -152,14 +153,25 @@ def distribution_names() -> list[str]:
     return list(_CATALOGUE)
 
 
-@cache
 def make_distribution(name: str) -> ProblemDistribution:
     """The distribution of that name, or with ``name@split`` its train, validation or test problems.
+
+    Args:
+        name: A name of the catalogue, or a problem file (``.toml``, ``.json``) or MovingAI ``.scen``.
 
     Raises:
         UnknownNameError: No such name; the nearest one is suggested.
         StorageError: The distribution's file cannot be read.
+        InvalidInputError: A problem file whose problem cannot be used.
     """
+    if name not in _CATALOGUE and is_file_name(name):
+        return file_distribution(name)
+    return named_distribution(name)
+
+
+@cache
+def named_distribution(name: str) -> ProblemDistribution:
+    """`make_distribution` for names; it keeps what it has made."""
     if "@" in name and name not in _CATALOGUE:
         whole, _, split = name.rpartition("@")
         return in_split(make_distribution(whole), split)

@@ -13,6 +13,7 @@ from shapely.geometry.base import BaseGeometry
 
 from guided_gym.errors import InvalidInputError
 from guided_gym.geometry.convex import Pieces, cover_polygons
+from guided_gym.geometry.occupancy import cell_obstacles, occupied_cells
 from guided_gym.geometry.packing import pack
 from guided_gym.kernels import collision
 
@@ -63,6 +64,48 @@ class Environment:
                 raise InvalidInputError(f"obstacle {number}: expected finite corners, got NaN or infinity")
             polygons.append(shapely.Polygon(corners))
         return cls(_checked_bounds(bounds), tuple(polygons))
+
+    @classmethod
+    def from_occupancy(
+        cls,
+        occupancy: npt.ArrayLike,
+        resolution: float,
+        origin: Sequence[float] = (0.0, 0.0, 0.0),
+        *,
+        unknown: str = "occupied",
+        threshold: float = 0.5,
+        simplify: float = 0.0,
+        speckles: int = 1,
+    ) -> Environment:
+        """An environment from a raster: the exact union of its occupied cells, unless simplified.
+
+        Args:
+            occupancy: (rows, columns), row 0 at the bottom: booleans, True for occupied; integers, -1 for
+                unknown, else 0 to 100 per cent; or floats, NaN for unknown, else 0 to 1.
+            resolution: Side of a cell (length).
+            origin: (x, y) or (x, y, yaw) of the lower left corner of cell [0, 0]; yaw in radians. Around a
+                turned raster, the bounds are the rectangle that holds it, and their rest counts as unknown.
+            unknown: ``"occupied"`` or ``"free"``: what unknown cells count as.
+            threshold: Probability from which a cell is occupied.
+            simplify: Boundaries may move by half of this (length): no passage wider than it opens or closes.
+            speckles: Parts of fewer cells than this are left out.
+
+        Raises:
+            InvalidInputError: An array of another shape, type or range, or a number out of range.
+        """
+        occupied = occupied_cells(occupancy, unknown=unknown, threshold=threshold)
+        cells = cell_obstacles(
+            occupied,
+            resolution,
+            origin,
+            simplify=simplify,
+            speckles=speckles,
+            outside=unknown == "occupied",
+        )
+        environment = cls(cells.bounds, cells.polygons)
+        if cells.cover is not None:  # far fewer and sooner than by triangles
+            environment.__dict__["cover"] = cells.cover
+        return environment
 
     @property
     def extent(self) -> float:

@@ -92,6 +92,7 @@ class ConfigurationSpace:
         instance("environment", environment, Environment)
         self.robot = robot
         self.environment = environment
+        self._fingerprint: str | None = None
         self.dimension = robot.dimension
         self.extent = environment.extent
         xmin, ymin, xmax, ymax = environment.bounds
@@ -211,11 +212,16 @@ class ConfigurationSpace:
 
     def fingerprint(self) -> str:
         """SHA-256 (hex) of all that decides distances and collisions (not names), stable across processes."""
+        if self._fingerprint is None:
+            self._fingerprint = self._hashed()
+        return self._fingerprint
+
+    def _hashed(self) -> str:
         digest = hashlib.sha256(b"guided-gym configuration space 1\n")
         numbers = [self.dimension, self.tolerance, *self.environment.bounds, *self.weights]
         digest.update(np.array(numbers, dtype="<f8").tobytes())
-        for shape in (self.robot.outline, *self.environment.obstacles):
-            body = shapely.to_wkb(shape, byte_order=1, include_srid=False)
+        shapes = np.array([self.robot.outline, *self.environment.obstacles], dtype=object)
+        for body in shapely.to_wkb(shapes, byte_order=1, include_srid=False).tolist():
             digest.update(len(body).to_bytes(8, "little") + body)
         return digest.hexdigest()
 

@@ -165,6 +165,11 @@ class Search:
             return NO_NODE
         return min(self._reached, key=lambda end: self.tree.nodes.costs[end[0]] + end[1])[0]
 
+    @property
+    def cost(self) -> float:
+        """Length of the shortest path found so far; infinite if there is none."""
+        return min((self.tree.nodes.costs[node] + rest for node, rest in self._reached), default=math.inf)
+
     def attach(self, listener: Listener) -> None:
         """Prepare a guiding space for this search and let it learn from every expansion."""
         listener.reset(self)
@@ -178,6 +183,7 @@ class Search:
         propose: Proposer | None = None,
         watcher: Watcher | None = None,
         progress: Callable[[int], None] | None = None,
+        stop: Callable[[], bool] | None = None,
     ) -> None:
         """Select and expand until the goal is reached or ``limit`` samples are drawn, earlier ones included.
 
@@ -187,10 +193,12 @@ class Search:
             propose: Who proposes x_new; the guide itself if None, in bursts where it can.
             watcher: Who measures.
             progress: Called with the number of samples so far.
+            stop: Asked before each sample or burst whether to end, in place of whether the goal is reached.
         """
+        stop = (lambda: self.solved) if stop is None else stop
         in_bursts = propose is None and not self.options.rewire
         propose = guide.propose if propose is None else propose
-        while not self.solved and self.samples < limit:
+        while not stop() and self.samples < limit:
             rows = guide.burst(limit - self.samples) if in_bursts else None
             if rows is not None:
                 if watcher is not None:

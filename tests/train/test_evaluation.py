@@ -16,7 +16,7 @@ import shapely
 
 from guided_gym.catalogue import table
 from guided_gym.catalogue.distributions import ProblemList
-from guided_gym.catalogue.table import make_distribution, register_distribution
+from guided_gym.catalogue.table import make_distribution, named_distribution, register_distribution
 from guided_gym.errors import InvalidInputError, NoPathError, StorageError, UnknownNameError
 from guided_gym.geometry.environment import Environment
 from guided_gym.geometry.robots import Robot
@@ -118,7 +118,7 @@ def test_rows__are_of_the_problem_that_their_seed_poses(
     before, same, other, split = [], [], [], []
     for rows, content in ((before, "[3, 3.5, 4]"), (same, "[3, 3.5, 4]"), (other, "[3, 3.5, 2]")):
         lows.write_text(content)
-        table.make_distribution.cache_clear()
+        table.named_distribution.cache_clear()
         rows += evaluate("FromFile", "rrt", seeds=3, out=tmp_path / "out", settings=SHORT).runs
         rows += computed
         computed.clear()
@@ -128,11 +128,11 @@ def test_rows__are_of_the_problem_that_their_seed_poses(
     assert [figures(run) for run in other[:2]] == [figures(run) for run in before[:2]]
     assert other[2].problem != before[2].problem
     named["region"] = shapely.box(0, 0, 6, 10)  # figures are split by it
-    table.make_distribution.cache_clear()
+    table.named_distribution.cache_clear()
     split += evaluate("FromFile", "rrt", seeds=3, out=tmp_path / "out", settings=SHORT).runs
     assert computed == [0, 1, 2]
     assert [run.samples for run in split] == [run.samples for run in other[:3]]
-    table.make_distribution.cache_clear()
+    table.named_distribution.cache_clear()
 
 
 @pytest.mark.parametrize(
@@ -206,7 +206,7 @@ def test_regions__the_first_that_holds_a_node_counts() -> None:
     at = result.tree.configurations[result.record.selected, 0]
     assert sums["left"][1] == (at <= 2).sum()
     assert sums["left"][1] + sums["all"][1] == result.samples
-    make_distribution.cache_clear()
+    named_distribution.cache_clear()
 
 
 @pytest.mark.parametrize(

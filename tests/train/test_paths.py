@@ -12,8 +12,9 @@ from guided_gym.catalogue.table import make_distribution
 from guided_gym.errors import InvalidInputError, StorageError, UnknownNameError
 from guided_gym.storage.path_file import PathDatabase
 from guided_gym.train.evaluation import evaluate
-from guided_gym.train.paths import SEED_OFFSET, build_path_database, shortcut, solve_path
+from guided_gym.train.paths import SEED_OFFSET, build_path_database, solve_path
 from guided_gym.train.specs import EvaluationSettings, GuidanceSpec, fingerprint, settings_content
+from guided_gym.trajectories import shortcut
 
 ENVIRONMENT = "RandomSimplePassage"
 

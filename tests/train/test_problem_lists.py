@@ -9,7 +9,7 @@ import pytest
 
 from guided_gym.catalogue.next_mazes import ENVIRONMENT_VARIABLE
 from guided_gym.catalogue.splits import problem_seed
-from guided_gym.catalogue.table import make_distribution
+from guided_gym.catalogue.table import make_distribution, named_distribution
 from guided_gym.errors import StorageError
 from guided_gym.options import SearchOptions
 from guided_gym.planning import guided_search
@@ -35,7 +35,7 @@ def test_a_benchmark_file__is_evaluated_in_its_order(tmp_path: Path, monkeypatch
     starts, goals = np.array([[-0.5, 0.1 * k] for k in range(3)]), np.full((3, 2), 0.5)
     np.savez(tmp_path / "mazes_15_2_train.npz", maps=walls, init_states=starts, goal_states=goals)
     monkeypatch.setenv(ENVIRONMENT_VARIABLE, str(tmp_path))
-    make_distribution.cache_clear()
+    named_distribution.cache_clear()
     settings = EvaluationSettings(max_samples=2000, step=0.1)
     runs = evaluate("NextPoint", "rrt", seeds=3, settings=settings).runs
     for k, run in enumerate(runs):
@@ -43,7 +43,7 @@ def test_a_benchmark_file__is_evaluated_in_its_order(tmp_path: Path, monkeypatch
         assert problem.task.start.tolist() == starts[k].tolist()
         result = guided_search(problem, "rrt", seed=k, max_samples=2000, options=SearchOptions(step=0.1))
         assert run.samples == result.samples > 0
-    make_distribution.cache_clear()
+    named_distribution.cache_clear()
     monkeypatch.delenv(ENVIRONMENT_VARIABLE)
     with pytest.raises(StorageError, match=ENVIRONMENT_VARIABLE):
         evaluate("NextStick", "rrt", seeds=1)

@@ -39,6 +39,7 @@ _SURE_PARTS: Final = 32  # poses along a motion to the goal
 _FINER: Final = 3  # grids that are tried, each about 3/2 times as fine as the one before
 _LEAST: Final = 1e-6  # cells; a value of 0 would have no sign
 _KEPT: Final = 8  # problems whose fields are kept
+_KEPT_GRIDS: Final = 4  # grids that are kept for other tasks in the same space
 _RUNS_A_RAISE: Final = 4  # runs over poses that turn, after each so many of which one more rise has to come
 
 
@@ -233,9 +234,10 @@ class WaveModel:
     def __init__(self, cells: int, headings: int, blocked: float = 300.0) -> None:
         self.cells, self.headings, self.blocked = cells, headings, blocked
         self._kept: OrderedDict[bytes, tuple[PoseGrid, CostField]] = OrderedDict()
+        self._grids: OrderedDict[tuple[str, int], PoseGrid] = OrderedDict()
 
     def __getstate__(self) -> dict[str, Any]:
-        return {**self.__dict__, "_kept": OrderedDict()}
+        return {**self.__dict__, "_kept": OrderedDict(), "_grids": OrderedDict()}
 
     def free(self, grid: PoseGrid) -> Field:
         """(n, n, T) logit of each pose being free."""
@@ -296,12 +298,22 @@ class WaveModel:
         self._kept.move_to_end(key)
         return self._kept[key]
 
+    def _grid(self, space: ConfigurationSpace, cells: int) -> PoseGrid:
+        """The grid of a space, kept for other tasks in it."""
+        key = space.fingerprint(), cells
+        if key not in self._grids:
+            self._grids[key] = PoseGrid.of(space, cells, self.headings)
+            while len(self._grids) > _KEPT_GRIDS:
+                self._grids.popitem(last=False)
+        self._grids.move_to_end(key)
+        return self._grids[key]
+
     def _solve(
         self, space: ConfigurationSpace, start: FloatArray, goal: FloatArray
     ) -> tuple[PoseGrid, CostField]:
         cells = self.cells
         for finer in range(_FINER):
-            grid = PoseGrid.of(space, cells, self.headings)
+            grid = self._grid(space, cells)
             found = self.evaluate(grid, goal)
             if not self.plans or finer == _FINER - 1:
                 break

@@ -14,7 +14,7 @@ from guided_gym import guided_search
 from guided_gym.catalogue.grids import carved
 from guided_gym.catalogue.next_mazes import ENVIRONMENT_VARIABLE, NextMazes, load_next_mazes, next_mazes
 from guided_gym.catalogue.splits import in_split
-from guided_gym.catalogue.table import make_distribution
+from guided_gym.catalogue.table import make_distribution, named_distribution
 from guided_gym.errors import InvalidInputError, StorageError
 from guided_gym.options import SearchOptions
 
@@ -163,12 +163,12 @@ def test_load__refuses_other_files(tmp_path):
 def test_next_mazes__are_found_by_the_environment_variable(tmp_path, monkeypatch):
     np.savez(tmp_path / "mazes_15_2_train.npz", **arrays())
     monkeypatch.setenv(ENVIRONMENT_VARIABLE, str(tmp_path))
-    make_distribution.cache_clear()
+    named_distribution.cache_clear()
     assert len(make_distribution("NextPoint")) == len(next_mazes("point")) == 4
     with pytest.raises(StorageError, match="found none"):
         make_distribution("NextStick")
     monkeypatch.delenv(ENVIRONMENT_VARIABLE)
-    make_distribution.cache_clear()
+    named_distribution.cache_clear()
     with pytest.raises(StorageError, match=ENVIRONMENT_VARIABLE):
         make_distribution("NextPoint")
     with pytest.raises(InvalidInputError, match="'car'"):

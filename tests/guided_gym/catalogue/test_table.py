@@ -10,7 +10,12 @@ import shapely
 
 from guided_gym.catalogue import table as catalogue
 from guided_gym.catalogue.distributions import FixedProblem
-from guided_gym.catalogue.table import distribution_names, make_distribution, register_distribution
+from guided_gym.catalogue.table import (
+    distribution_names,
+    make_distribution,
+    named_distribution,
+    register_distribution,
+)
 from guided_gym.errors import InvalidInputError, NoPathError, UnknownNameError
 from guided_gym.geometry.environment import Environment
 from guided_gym.geometry.robots import Robot
@@ -158,7 +163,7 @@ def test_register_distribution__adds_a_row(monkeypatch: pytest.MonkeyPatch) -> N
     register_distribution("Empty", lambda: FixedProblem(empty))
     assert distribution_names()[-1] == "Empty"
     assert make_distribution("Empty").problem(0) is empty
-    make_distribution.cache_clear()
+    named_distribution.cache_clear()
 
 
 def test_register_distribution__keeps_what_has_the_name(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -172,4 +177,4 @@ def test_register_distribution__keeps_what_has_the_name(monkeypatch: pytest.Monk
     for name, factory in (("", dict), ("a@b", dict), (3, dict), ("Free", cup.problem(0))):
         with pytest.raises(InvalidInputError, match="expected"):
             register_distribution(name, factory)  # type: ignore[arg-type]
-    make_distribution.cache_clear()
+    named_distribution.cache_clear()

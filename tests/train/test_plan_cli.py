@@ -1,0 +1,206 @@
+"""``guided-gym plan``, ``check`` and ``convert``: what they print and write, and how they refuse."""
+
+from __future__ import annotations
+
+import csv
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+from typer.testing import CliRunner
+
+from guided_gym.catalogue.files import load_problem
+from guided_gym.catalogue.inspection import narrow_gaps, nearest_free_pose, robot_widths
+from guided_gym.catalogue.table import make_distribution
+from guided_gym.errors import InvalidInputError
+from guided_gym.geometry.environment import Environment
+from guided_gym.geometry.robots import Robot
+from guided_gym.problems import Problem, Task
+from guided_gym.train.cli import app
+from guided_gym.train.plan_cli import parse_pose, parse_robot
+from guided_gym.train.plans import Planner, read_tasks
+
+GALLERY = Path(__file__).resolve().parents[2] / "examples" / "gallery"
+
+
+def _run(*words: object) -> tuple[int, str]:
+    result = CliRunner().invoke(app, [str(word) for word in words])
+    assert result.exception is None or isinstance(result.exception, SystemExit), result.exception
+    return result.exit_code, result.output
+
+
+def test_plan__writes_a_certified_path(tmp_path: Path) -> None:
+    file = GALLERY / "floor_plan.toml"
+    out = {name: tmp_path / f"it.{name}" for name in ("svg", "json", "csv")}
+    code, text = _run(
+        "plan", file, "--smooth", 50, "--svg", out["svg"], "--json", out["json"], "--csv", out["csv"]
+    )
+    assert code == 0
+    assert "clearance" in text
+    problem = load_problem(file)
+    (plan,) = json.loads(out["json"].read_text())["plans"]
+    path = np.array(plan["waypoints"])
+    np.testing.assert_array_equal(path[[0, -1]], [problem.task.start, problem.task.goal])
+    assert problem.space.motions_free(path[:-1], path[1:]).all()
+    assert plan["length"] == pytest.approx(problem.space.distance(path[:-1], path[1:]).sum())
+    assert 0 <= plan["clearance"] <= float(np.asarray(problem.space.clearance(path)).min()) + 1e-12
+    rows = list(csv.DictReader(out["csv"].read_text().splitlines()))
+    np.testing.assert_array_equal([[float(row[k]) for k in ("x", "y", "theta")] for row in rows], path)
+    assert out["svg"].read_text().startswith("<?xml")
+
+
+def test_plan__is_the_same_again(tmp_path: Path) -> None:
+    texts = []
+    for name in ("a.csv", "b.csv"):
+        _run("plan", GALLERY / "warehouse.json", "--smooth", 20, "--seed", 3, "--csv", tmp_path / name)
+        texts.append((tmp_path / name).read_text())
+    assert texts[0] == texts[1]
+
+
+def test_plan__without_a_path_says_so() -> None:
+    wide = ("--robot", "rectangle:1.9,1.0", "--start", "3,6.2,0", "--goal", "7.5,6,0")
+    code, text = _run("plan", GALLERY / "floor_plan.toml", *wide, "--max-samples", 30)
+    assert code == 1
+    assert "none found" in text
+
+
+@pytest.mark.parametrize(
+    ("words", "message"),
+    [
+        (("--start", "1,1,90"), "degrees"),
+        (("--start", "1,nan,0"), "expected X,Y"),
+        (("--start", "0,0,0"), "is free"),
+        (("--robot", "tank:3"), "robot: expected"),
+        (("--guidance", "nonsense"), "unknown guidance"),
+        (("--svg", "it.txt"), "picture"),
+        (("--velocity", "1"), "both or none"),
+        (("--smooth", "-1"), "smooth"),
+        (("--tasks", "missing.csv"), "cannot read"),
+    ],
+)
+def test_plan__refuses_in_one_line(
+    words: tuple[str, ...], message: str, capfd: pytest.CaptureFixture[str]
+) -> None:
+    result = CliRunner().invoke(app, ["plan", str(GALLERY / "floor_plan.toml"), *words])
+    said = result.output + capfd.readouterr().err
+    assert result.exit_code == 2
+    assert message in said
+    assert "Traceback" not in said
+
+
+def test_check__names_what_is_wrong_and_the_narrow_gaps(tmp_path: Path) -> None:
+    file = tmp_path / "trap.toml"
+    make_distribution("Trap").problem(0).save(file)
+    code, text = _run("check", file, "--svg", tmp_path / "it.png")
+    assert code == 0
+    assert "0.2 at" in text
+    assert "too narrow for the robot, which is 0.3 wide" in text
+    assert (tmp_path / "it.png").stat().st_size > 1000
+    code, text = _run("check", file, "--start", "5,3,0")
+    assert code == 1
+    assert "WRONG" in text
+    assert "obstacle" in text
+    assert "is free" in text
+
+
+def test_check__says_that_there_is_no_path(tmp_path: Path) -> None:
+    import shapely
+
+    wall = shapely.box(4.0, 0.0, 4.5, 5.0)
+    problem = Problem(Robot.point(), Environment((0, 0, 9, 5), (wall,)), Task((1, 1), (8, 1)))
+    problem.save(tmp_path / "it.toml")
+    code, text = _run("check", tmp_path / "it.toml")
+    assert code == 1
+    assert "no path" in text
+
+
+def test_convert__from_each_kind_to_a_problem_and_back(tmp_path: Path) -> None:
+    where = ("--robot", "rectangle:2,1", "--start", "3,45,0", "--goal", "73,44,0")
+    code, _ = _run("convert", GALLERY / "city_block.geojson", tmp_path / "city.json", *where)
+    assert code == 0
+    problem = load_problem(tmp_path / "city.json")
+    assert problem.robot == Robot.rectangle(2, 1)
+    code, _ = _run("convert", tmp_path / "city.json", tmp_path / "city.geojson")
+    assert code == 0
+    _run("convert", tmp_path / "city.geojson", tmp_path / "again.toml", *where)
+    assert load_problem(tmp_path / "again.toml").fingerprint == problem.fingerprint
+    code, _ = _run("convert", tmp_path / "city.json", tmp_path / "city.png")
+    assert code == 0
+    code, _ = _run("convert", GALLERY / "floor_plan.toml", tmp_path / "flat.json")
+    before, after = load_problem(GALLERY / "floor_plan.toml"), load_problem(tmp_path / "flat.json")
+    assert before.fingerprint == after.fingerprint
+    assert list(before.regions) == list(after.regions)
+
+
+def test_planner__tasks_share_what_was_prepared(tmp_path: Path) -> None:
+    problem = make_distribution("RandomClutter").problem(1)
+    space = problem.space
+    rng = np.random.default_rng(0)
+    poses = space.sample(rng, 400)
+    poses = poses[np.asarray(space.valid(poses))][:12]
+    lines = [
+        ",".join(map(repr, (*a.tolist(), *b.tolist()))) for a, b in zip(poses[:6], poses[6:], strict=True)
+    ]
+    (tmp_path / "tasks.csv").write_text("x,y,t,x,y,t\n" + "\n".join(lines) + "\n\n")
+    tasks = read_tasks(tmp_path / "tasks.csv", problem)
+    assert len(tasks) == 6
+    planner = Planner(problem)
+    for task in tasks:
+        shared, alone = planner.plan(task, seed=1), Planner(problem).plan(task, seed=1)
+        assert shared.samples == alone.samples
+        if shared.path is not None and alone.path is not None:
+            np.testing.assert_array_equal(shared.path, alone.path)
+    (tmp_path / "tasks.csv").write_text(lines[0] + "\n1,2,3\n")
+    with pytest.raises(InvalidInputError, match=r"line 2: expected 6 finite numbers"):
+        read_tasks(tmp_path / "tasks.csv", problem)
+
+
+def test_planner__goes_on_and_only_gets_shorter() -> None:
+    problem = make_distribution("TrapCup").problem(0)
+    planner = Planner(problem, smoothing=30)
+    first = planner.plan(seed=0)
+    answer = planner.plan(seed=0, seconds=1.0)
+    assert answer.searches > 1
+    assert answer.length <= first.length + 1e-9
+    assert (np.diff(answer.history[:, 2]) < 0).all()
+    assert (np.diff(answer.history[:, 0]) > 0).all()
+    assert answer.history[-1, 2] == pytest.approx(answer.length)
+    assert answer.path is not None
+    assert problem.space.motions_free(answer.path[:-1], answer.path[1:]).all()
+
+
+def test_options__of_robots_and_poses() -> None:
+    assert parse_robot("rectangle:1,0.5") == Robot.rectangle(1, 0.5)
+    assert parse_robot("segment:2") == Robot.segment(2)
+    assert parse_robot("point") == Robot.point()
+    assert parse_robot("polygon:0,0;1,0;0,1") == Robot.polygon([(0, 0), (1, 0), (0, 1)])
+    assert parse_pose("start", "1,2,-.5") == [1.0, 2.0, -0.5]
+    for bad in ("rectangle:1", "point:1", "polygon:0,0", "rectangle:-1,2", ""):
+        with pytest.raises(InvalidInputError, match="robot"):
+            parse_robot(bad)
+
+
+def test_robot_widths__by_hand() -> None:
+    assert robot_widths(Robot.rectangle(0.8, 0.3)) == pytest.approx((0.3, np.hypot(0.8, 0.3)))
+    assert robot_widths(Robot.point()) == (0.0, 0.0)
+    assert robot_widths(Robot.segment(2.0)) == (0.0, 2.0)
+    triangle = Robot.polygon([(-0.5, -(3**0.5) / 6), (0.5, -(3**0.5) / 6), (0, 3**0.5 / 3)])
+    assert robot_widths(triangle)[0] == pytest.approx(3**0.5 / 2)  # the height of an equilateral triangle
+
+
+def test_narrow_gaps__of_the_trap_are_its_two_passages() -> None:
+    problem = make_distribution("Trap").problem(0)
+    gaps = narrow_gaps(problem.environment, Robot.rectangle(1.2, 0.3))
+    assert [round(gap.width, 9) for gap in gaps] == [0.2, 1.4]
+    assert not gaps[0].passable
+    assert gaps[1].passable
+
+
+def test_nearest_free_pose__is_free_and_near() -> None:
+    problem = make_distribution("Cup").problem(0)
+    q = np.array([6.8, 5.0, 0.0])
+    near = nearest_free_pose(problem.space, q)
+    assert near is not None
+    assert problem.space.valid(near)
+    assert problem.space.distance(near, q) < 0.75  # 0.6 to the right it is free

@@ -1,0 +1,556 @@
+"""``guided-gym plan``, ``check`` and ``convert``: problem files and maps on the command line."""
+
+from __future__ import annotations
+
+import csv
+import io
+import json
+import math
+import time
+from collections.abc import Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+from guided_gym.errors import InvalidInputError, NoPathError
+from guided_gym.train.terminal import console
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+    from guided_gym.catalogue.inspection import Gap
+    from guided_gym.catalogue.maps import MapOptions
+    from guided_gym.geometry.environment import Environment
+    from guided_gym.geometry.robots import Robot
+    from guided_gym.geometry.space import ConfigurationSpace
+    from guided_gym.problems import Problem
+    from guided_gym.train.plans import Answer
+
+EXIT_UNSOLVED = 1
+
+File = Annotated[Path, typer.Argument(help="A problem file (.toml, .json) or a map (docs/maps.md).")]
+RobotOption = Annotated[
+    str | None,
+    typer.Option(
+        "--robot", help="point, segment:LENGTH, rectangle:LENGTH,WIDTH or polygon:X,Y;X,Y;...; the file's."
+    ),
+]
+Start = Annotated[str | None, typer.Option(help="X,Y or X,Y,HEADING (radians); the file's by default.")]
+Goal = Annotated[str | None, typer.Option(help="X,Y or X,Y,HEADING (radians); the file's by default.")]
+Unknown = Annotated[str, typer.Option(help="What unknown cells of a raster count as: occupied or free.")]
+Threshold = Annotated[float, typer.Option(help="Probability from which a cell of a raster is occupied.")]
+Simplify = Annotated[
+    float, typer.Option(help="Passages up to this width may open or close, for simpler polygons.")
+]
+Speckles = Annotated[int, typer.Option(help="Parts of a raster of fewer cells than this are left out.")]
+Resolution = Annotated[float | None, typer.Option(help="Side of a cell of a picture or array.")]
+Geographic = Annotated[
+    bool, typer.Option("--geographic", help="GeoJSON in degrees of longitude and latitude, to metres.")
+]
+Repair = Annotated[bool, typer.Option("--repair", help="Mend polygons that cross themselves (GeoJSON).")]
+
+
+def register(app: typer.Typer) -> None:
+    """Add the commands of this module to an application."""
+    for command in (plan, check, convert):
+        app.command()(command)
+
+
+def plan(
+    file: File,
+    robot: RobotOption = None,
+    start: Start = None,
+    goal: Goal = None,
+    tasks: Annotated[
+        Path | None, typer.Option(help="CSV of tasks on this map: start, then goal, a task a line.")
+    ] = None,
+    guidance: Annotated[
+        str, typer.Option(help="A guidance; auto: a wave on a grid as fine as the robot is small.")
+    ] = "auto",
+    seed: Annotated[int, typer.Option(help="Seed of every random choice.")] = 0,
+    max_samples: Annotated[int, typer.Option(help="Samples after which a search gives up.")] = 2000,
+    smooth: Annotated[
+        int, typer.Option(help="Attempts to make the path shorter; certified like the path.")
+    ] = 0,
+    room: Annotated[float, typer.Option(help="Clearance that smoothing keeps.")] = 0.0,
+    seconds: Annotated[
+        float, typer.Option(help="Go on until so many seconds have passed, and keep the shortest path.")
+    ] = 0.0,
+    velocity: Annotated[
+        str | None, typer.Option(help="Largest speed of each coordinate, or of all: adds times (toppra).")
+    ] = None,
+    acceleration: Annotated[str | None, typer.Option(help="Largest acceleration, likewise.")] = None,
+    svg: Annotated[Path | None, typer.Option(help="Draw the plan: .svg, .png or .pdf.")] = None,
+    history: Annotated[
+        Path | None, typer.Option(help="Draw the length of the path over time: .svg, .png or .pdf.")
+    ] = None,
+    json_file: Annotated[Path | None, typer.Option("--json", help="Write all of the plan.")] = None,
+    csv_file: Annotated[Path | None, typer.Option("--csv", help="Write the waypoints.")] = None,
+    unknown: Unknown = "occupied",
+    threshold: Threshold = 0.5,
+    simplify: Simplify = 0.0,
+    speckles: Speckles = 1,
+    resolution: Resolution = None,
+    geographic: Geographic = False,
+    repair: Repair = False,
+) -> None:
+    """Plan a path on a map, or many: its length, clearance, samples and time."""
+    from guided_gym.train.plans import Planner, read_tasks
+
+    check_outputs(svg, history)
+    began = time.perf_counter()
+    options = _map_options(unknown, threshold, simplify, speckles, resolution, geographic, repair)
+    first = None if tasks is None else _first_task(tasks)
+    problem = _problem(file, robot, start or (first and first[0]), goal or (first and first[1]), options)
+    planner = Planner(problem, guidance, max_samples=max_samples, smoothing=smooth, room=room)
+    loaded = time.perf_counter() - began
+    wanted = [problem.task] if tasks is None else read_tasks(tasks, problem)
+    answers = [planner.plan(task, seed=seed, seconds=seconds) for task in wanted]
+    limits = _limits(velocity, acceleration)
+    _print_plan(problem, answers, loaded)
+    if json_file is not None:
+        _write_json(json_file, file, planner.space, answers, limits)
+    if csv_file is not None:
+        _write(csv_file, _csv(planner.space, answers, limits))
+    if svg is not None:
+        from guided_gym.train.plan_figures import plan_figure
+
+        _draw(plan_figure(problem, answers), svg)
+    if history is not None and answers[0].solved:
+        from guided_gym.train.plan_figures import history_figure
+
+        _draw(history_figure(answers[0]), history)
+    if not all(answer.solved for answer in answers):
+        raise typer.Exit(EXIT_UNSOLVED)
+
+
+def check(
+    file: File,
+    robot: RobotOption = None,
+    start: Start = None,
+    goal: Goal = None,
+    svg: Annotated[Path | None, typer.Option(help="Draw what was found: .svg, .png or .pdf.")] = None,
+    path: Annotated[bool, typer.Option(help="Look whether there is a path at all.")] = True,
+    unknown: Unknown = "occupied",
+    threshold: Threshold = 0.5,
+    simplify: Simplify = 0.0,
+    speckles: Speckles = 1,
+    resolution: Resolution = None,
+    geographic: Geographic = False,
+    repair: Repair = False,
+) -> None:
+    """Say what is wrong with a problem or map, draw it, and name the gaps that are narrow for the robot."""
+    from guided_gym.catalogue.inspection import narrow_gaps, robot_widths
+    from guided_gym.geometry.space import ConfigurationSpace
+
+    check_outputs(svg)
+    options = _map_options(unknown, threshold, simplify, speckles, resolution, geographic, repair)
+    environment, body, poses, weight = _parts(file, robot, start, goal, options)
+    rows = [("workspace", _size_of(environment))]
+    gaps: list[Gap] = []
+    placed: list[tuple[str, Sequence[float], bool]] = []
+    wrong = False
+    if body is not None:
+        least, turning = robot_widths(body)
+        rows.append(("robot", f"{body.name}: {least:.4g} wide, turns in a circle of {turning:.4g}"))
+        space = ConfigurationSpace(body, environment, weight)
+        for label, q in poses.items():
+            free, text = _pose_row(space, label, q)
+            placed.append((label, q, free))
+            rows.append((label, text))
+            wrong |= not free
+        if len(poses) == 2 and not wrong and path:
+            found, text = _path_row(space, poses["start"], poses["goal"])
+            rows.append(("path", text))
+            wrong |= not found
+        gaps = narrow_gaps(environment, body)
+    screen = console()
+    _print_rows(str(file), rows)
+    if gaps:
+        _print_rows(
+            "Narrow gaps",
+            [
+                (str(k), f"{gap.width:.4g} at ({gap.middle[0]:.4g}, {gap.middle[1]:.4g}): {gap.verdict}")
+                for k, gap in enumerate(gaps, start=1)
+            ],
+        )
+    elif body is not None:
+        screen.print("No narrow gaps.")
+    if svg is not None:
+        from guided_gym.train.plan_figures import check_figure
+
+        _draw(check_figure(environment, body, placed, gaps, file.name), svg)
+    if wrong:
+        raise typer.Exit(EXIT_UNSOLVED)
+
+
+def convert(
+    source: Annotated[Path, typer.Argument(help="A problem file or a map.")],
+    target: Annotated[
+        Path, typer.Argument(help="A problem file (.toml, .json), .geojson, or a picture (.svg, .png, .pdf).")
+    ],
+    robot: RobotOption = None,
+    start: Start = None,
+    goal: Goal = None,
+    task: Annotated[int, typer.Option(help="Which task of a MovingAI scenario.")] = 0,
+    unknown: Unknown = "occupied",
+    threshold: Threshold = 0.5,
+    simplify: Simplify = 0.0,
+    speckles: Speckles = 1,
+    resolution: Resolution = None,
+    geographic: Geographic = False,
+    repair: Repair = False,
+) -> None:
+    """Convert a map or problem: into a problem file, GeoJSON or a picture."""
+    from guided_gym.catalogue.files import file_of, map_file, write_problem_file
+    from guided_gym.catalogue.maps import write_geojson
+
+    suffix = target.suffix.lower()
+    if suffix not in (".toml", ".json", ".geojson", ".svg", ".png", ".pdf"):
+        raise InvalidInputError(
+            f"{target}: expected .toml, .json, .geojson, .svg, .png or .pdf, got {target.suffix!r}"
+        )
+    options = _map_options(unknown, threshold, simplify, speckles, resolution, geographic, repair)
+    body: Robot | None
+    poses: dict[str, list[float]] = {}
+    if source.suffix.lower() == ".scen":
+        from guided_gym.catalogue.files import ScenarioProblems
+
+        problems = ScenarioProblems(source)
+        if not 0 <= task < len(problems):
+            raise InvalidInputError(f"task: expected 0 to {len(problems) - 1}, got {task}")
+        problem = problems[task]
+        environment, body, model = problem.environment, problem.robot, file_of(problem)
+    else:
+        environment, body, poses, weight = _parts(source, robot, start, goal, options)
+        model = map_file(source, environment, body, poses, weight)
+    if suffix in (".toml", ".json"):
+        write_problem_file(model, target)
+    elif suffix == ".geojson":
+        write_geojson(target, environment)
+    else:
+        from guided_gym.train.plan_figures import check_figure
+
+        placed = [(label, q, True) for label, q in poses.items()]
+        _draw(check_figure(environment, body, placed, (), source.name), target)
+    console().print(f"{target}: {_size_of(environment)}")
+
+
+# What the options say ---------------------------------------------------------------------------------------
+
+
+def _map_options(
+    unknown: str,
+    threshold: float,
+    simplify: float,
+    speckles: int,
+    resolution: float | None,
+    geographic: bool,
+    repair: bool,
+) -> MapOptions:
+    from guided_gym.catalogue.maps import MapOptions
+
+    return MapOptions(
+        unknown=unknown,
+        threshold=threshold,
+        simplify=simplify,
+        speckles=speckles,
+        resolution=resolution,
+        geographic=geographic,
+        repair=repair,
+    )
+
+
+def parse_robot(text: str) -> Robot:
+    """The robot of the option ``--robot``.
+
+    Raises:
+        InvalidInputError: Another form, or numbers out of range.
+    """
+    from guided_gym.geometry.robots import Robot
+
+    kind, _, rest = text.partition(":")
+    try:
+        if kind == "point" and not rest:
+            return Robot.point()
+        if kind == "segment":
+            return Robot.segment(float(rest))
+        if kind == "rectangle":
+            length, width = map(float, rest.split(","))
+            return Robot.rectangle(length, width)
+        if kind == "polygon":
+            return Robot.polygon([[float(v) for v in corner.split(",")] for corner in rest.split(";")])
+    except InvalidInputError as error:
+        raise InvalidInputError(f"robot: {error}") from None
+    except ValueError:
+        pass
+    raise InvalidInputError(
+        f"robot: expected point, segment:LENGTH, rectangle:LENGTH,WIDTH or polygon:X,Y;X,Y;..., got {text!r}"
+    )
+
+
+def parse_pose(name: str, text: str) -> list[float]:
+    """The configuration of an option: numbers with commas.
+
+    Raises:
+        InvalidInputError: No two or three finite numbers, or a heading that can only be in degrees.
+    """
+    from guided_gym.train.plans import check_heading
+
+    try:
+        values = [float(part) for part in text.split(",")]
+    except ValueError:
+        values = []
+    if len(values) not in (2, 3) or not all(map(math.isfinite, values)):
+        raise InvalidInputError(f"{name}: expected X,Y or X,Y,HEADING, got {text!r}")
+    check_heading(name, values)
+    return values
+
+
+def check_outputs(*files: Path | None) -> None:
+    """Refuse pictures of a kind that is not drawn, before anything is worked out.
+
+    Raises:
+        InvalidInputError: One is.
+    """
+    for file in files:
+        if file is not None and file.suffix.lower() not in (".svg", ".png", ".pdf"):
+            raise InvalidInputError(f"{file}: expected a picture (.svg, .png or .pdf), got {file.suffix!r}")
+
+
+def _limits(velocity: str | None, acceleration: str | None) -> tuple[list[float], list[float]] | None:
+    if velocity is None and acceleration is None:
+        return None
+    if velocity is None or acceleration is None:
+        raise InvalidInputError("velocity, acceleration: expected both or none")
+    try:
+        return [float(v) for v in velocity.split(",")], [float(v) for v in acceleration.split(",")]
+    except ValueError:
+        raise InvalidInputError(
+            f"velocity, acceleration: expected numbers, got {velocity!r} and {acceleration!r}"
+        ) from None
+
+
+def _parts(
+    file: Path, robot: str | None, start: str | None, goal: str | None, options: MapOptions
+) -> tuple[Environment, Robot | None, dict[str, list[float]], float | None]:
+    """The workspace of a file, the robot, start and goal if there are any, and the rotation weight."""
+    from guided_gym.catalogue.files import PROBLEM_SUFFIXES, load_environment, read_problem_file
+
+    environment = load_environment(file, options)
+    given = {"start": start, "goal": goal}
+    poses = {name: parse_pose(name, text) for name, text in given.items() if text is not None}
+    body = None if robot is None else parse_robot(robot)
+    weight = None
+    if file.suffix.lower() in PROBLEM_SUFFIXES:
+        model = read_problem_file(file)
+        weight = model.metric.rotation_weight
+        if body is None and model.robot is not None:
+            body = model.robot.robot()
+        for name in given:
+            if name not in poses and getattr(model, name) is not None:
+                poses[name] = model.configuration(name)
+    for name, q in poses.items():
+        if body is not None and len(q) != body.dimension:
+            raise InvalidInputError(
+                f"{name}: expected {body.dimension} numbers for {body.name!r}, got {len(q)}"
+            )
+    return environment, body, {name: poses[name] for name in given if name in poses}, weight
+
+
+def _problem(
+    file: Path, robot: str | None, start: str | None, goal: str | None, options: MapOptions
+) -> Problem:
+    """The problem that a file and the options make together."""
+    import numpy as np
+
+    from guided_gym.catalogue.files import PROBLEM_SUFFIXES, load_problem, pose_trouble, read_problem_file
+    from guided_gym.geometry.space import ConfigurationSpace
+    from guided_gym.problems import Problem, Task
+
+    whole = robot is None and start is None and goal is None
+    if file.suffix.lower() == ".scen":
+        from guided_gym.catalogue.files import file_distribution
+
+        return file_distribution(str(file)).problem(0)
+    if file.suffix.lower() in PROBLEM_SUFFIXES and whole:
+        return load_problem(file)
+    environment, body, poses, weight = _parts(file, robot, start, goal, options)
+    for name, value in (("robot", body), ("start", poses.get("start")), ("goal", poses.get("goal"))):
+        if value is None:
+            raise InvalidInputError(f"{name}: expected it in {file} or as --{name}, got none")
+    assert body is not None
+    space = ConfigurationSpace(body, environment, weight)
+    for name, q in poses.items():
+        if not space.valid(q):
+            trouble = pose_trouble(space, np.array(q))
+            raise InvalidInputError(f"{name}: expected a free pose, got {trouble}")
+    tolerance, by_edge = 0.0, True
+    if file.suffix.lower() in PROBLEM_SUFFIXES:
+        rule = read_problem_file(file).goal_rule
+        tolerance, by_edge = rule.tolerance, rule.by_edge
+    task = Task(poses["start"], poses["goal"], tolerance, by_edge)
+    problem = Problem(body, environment, task, file.stem, rotation_weight=weight)
+    problem.__dict__["space"] = space
+    return problem
+
+
+def _first_task(tasks: Path) -> tuple[str, str] | None:
+    """Start and goal of the first task, in which the space is made; None where the line is no task."""
+    from guided_gym.catalogue.maps import read_text
+
+    for row in csv.reader(read_text(tasks).splitlines()[:2]):
+        cells = [cell.strip() for cell in row]
+        half = len(cells) // 2
+        try:
+            [float(cell) for cell in cells]
+        except ValueError:
+            continue
+        if half in (2, 3) and len(cells) == 2 * half:
+            return ",".join(cells[:half]), ",".join(cells[half:])
+    return None
+
+
+# What is said and written -----------------------------------------------------------------------------------
+
+
+def _size_of(environment: Environment) -> str:
+    xmin, ymin, xmax, ymax = environment.bounds
+    count = len(environment.obstacles)
+    return f"{xmax - xmin:.6g} x {ymax - ymin:.6g}, {count} obstacle{'s' * (count != 1)}"
+
+
+def _pose_row(space: ConfigurationSpace, label: str, q: Sequence[float]) -> tuple[bool, str]:
+    import numpy as np
+
+    from guided_gym.catalogue.files import pose_trouble
+
+    if space.valid(q):
+        return True, f"{[round(v, 6) for v in q]}, free, clearance {float(space.clearance(q)):.4g}"
+    return False, f"WRONG: expected a free pose, got {pose_trouble(space, np.array(q))}"
+
+
+def _path_row(space: ConfigurationSpace, start: Sequence[float], goal: Sequence[float]) -> tuple[bool, str]:
+    from guided_gym.measure.oracle import Oracle
+
+    try:
+        oracle = Oracle(space, goal, start=start)
+    except NoPathError as error:
+        return False, f"WRONG: {error}"
+    return True, f"there is one, of length {float(oracle.cost_to_go(start)):.4g} (to about 1 %)"
+
+
+def _print_rows(title: str, rows: list[tuple[str, str]]) -> None:
+    from rich.table import Table
+    from rich.text import Text
+
+    table = Table(title=Text(title), title_justify="left", show_header=False, box=None, padding=(0, 2, 0, 0))
+    table.add_column(no_wrap=True, style="bold")
+    table.add_column(overflow="fold")
+    for name, text in rows:
+        table.add_row(name, Text(text))
+    console().print(table)
+
+
+def _print_plan(problem: Problem, answers: Sequence[Answer], loaded: float) -> None:
+    solved = [answer for answer in answers if answer.solved]
+    if len(answers) == 1:
+        one = answers[0]
+        rows = [("workspace", _size_of(problem.environment)), ("samples", str(one.samples))]
+        if one.path is not None:
+            rows += [("length", f"{one.length:.6g}"), ("clearance", f"{one.clearance:.4g}")]
+            rows.append(("waypoints", str(len(one.path))))
+        else:
+            rows.append(("path", f"none found in {one.samples} samples; `guided-gym check` may say why"))
+        if one.searches > 1:
+            first, last = one.history[0, 2], one.history[-1, 2]
+            rows.append(("searches", f"{one.searches}; length {first:.6g} at first, {last:.6g} at last"))
+        rows.append(
+            ("seconds", f"{loaded:.2f} to load, {one.preparation:.2f} to prepare, {one.seconds:.2f} in all")
+        )
+    else:
+        total = sum(answer.seconds for answer in answers)
+        lengths = [answer.length for answer in solved]
+        rows = [("workspace", _size_of(problem.environment))]
+        rows.append(("tasks", f"{len(solved)} of {len(answers)} solved"))
+        if lengths:
+            rows.append(("length", f"{sum(lengths) / len(lengths):.6g} on average"))
+        rows.append(("samples", str(sum(answer.samples for answer in answers))))
+        rows.append(
+            ("seconds", f"{loaded:.2f} to load, {total:.2f} to plan, {total / len(answers):.3f} a task")
+        )
+    _print_rows(problem.name, rows)
+
+
+def _trajectory(
+    space: ConfigurationSpace, answer: Answer, limits: tuple[list[float], list[float]] | None
+) -> Any:
+    if limits is None or answer.path is None:
+        return None
+    from guided_gym.trajectories import time_path
+
+    velocity, acceleration = (row[0] if len(row) == 1 else row for row in limits)
+    return time_path(space, answer.path, velocity, acceleration)
+
+
+def _csv(
+    space: ConfigurationSpace, answers: Sequence[Answer], limits: tuple[list[float], list[float]] | None
+) -> str:
+    """Waypoints with headings, or rows of the trajectory with times and velocities."""
+    from guided_gym.trajectories import headings
+
+    names = ["x", "y", "theta"][: space.dimension]
+    out = io.StringIO()
+    writer = csv.writer(out, lineterminator="\n")
+    if limits is None:
+        writer.writerow(["task", "waypoint", *names, "heading"])
+    else:
+        writer.writerow(["task", "time", *names, *(f"v_{n}" for n in names), *(f"a_{n}" for n in names)])
+    for number, answer in enumerate(answers):
+        timed = _trajectory(space, answer, limits)
+        if timed is not None:
+            columns = (timed.times[:, None], timed.configurations, timed.velocities, timed.accelerations)
+            for row in zip(*columns, strict=True):
+                writer.writerow([number, *(repr(v) for part in row for v in part.tolist())])
+        elif answer.path is not None:
+            travel = headings(space, answer.path).tolist()
+            for k, (q, angle) in enumerate(zip(answer.path.tolist(), travel, strict=True)):
+                writer.writerow([number, k, *map(repr, q), repr(angle)])
+    return out.getvalue()
+
+
+def _write_json(
+    target: Path,
+    source: Path,
+    space: ConfigurationSpace,
+    answers: Sequence[Answer],
+    limits: tuple[list[float], list[float]] | None,
+) -> None:
+    plans = []
+    for answer in answers:
+        row = answer.row(space)
+        timed = _trajectory(space, answer, limits)
+        if timed is not None:
+            row["trajectory"] = {
+                "duration": timed.duration,
+                "stops": timed.stops,
+                "times": timed.times.tolist(),
+                "configurations": timed.configurations.tolist(),
+                "velocities": timed.velocities.tolist(),
+                "accelerations": timed.accelerations.tolist(),
+            }
+        plans.append(row)
+    _write(target, json.dumps({"file": source.name, "plans": plans}, indent=1) + "\n")
+
+
+def _write(target: Path, text: str) -> None:
+    from guided_gym.catalogue.files import write_whole
+
+    write_whole(target, text)
+
+
+def _draw(figure: Figure, target: Path) -> None:
+    from guided_gym.train.style import save
+
+    save(figure, target, (target.suffix.lower()[1:],))

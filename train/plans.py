@@ -1,0 +1,265 @@
+"""Plans on a map: many tasks in one space, what they need prepared once, and paths that get shorter."""
+
+from __future__ import annotations
+
+import csv
+import math
+import time
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from guided_gym.catalogue.files import pose_trouble
+from guided_gym.catalogue.inspection import robot_widths
+from guided_gym.catalogue.maps import read_text
+from guided_gym.checks import integer, number
+from guided_gym.errors import InvalidInputError, StorageError
+from guided_gym.geometry.space import ConfigurationSpace
+from guided_gym.guidance.base import GuidingSpace
+from guided_gym.guidance.registry import make_guidance
+from guided_gym.options import SearchOptions
+from guided_gym.problems import Problem, Task
+from guided_gym.randomness import streams
+from guided_gym.search.search import Search
+from guided_gym.train.specs import GuidanceSpec
+from guided_gym.trajectories import headings, path_clearance, path_length, smooth
+
+FloatArray = NDArray[np.float64]
+
+AUTO: Final = "auto"
+"""What guides unless something else is asked for: a wave on a grid as fine as the robot is small."""
+
+MAX_SAMPLES: Final = 2000
+_FEWEST, _MOST = 56, 160  # cells along the grid
+_CELLS_A_ROBOT: Final = 1.0
+_STEP_RADII: Final = 8.0
+_RESTART_SEED: Final = 2**31  # seeds of later searches begin here
+
+
+@dataclass(frozen=True)
+class Answer:
+    """A plan for one task.
+
+    Attributes:
+        task: The task.
+        path: (n, d) certified path; None if none was found.
+        length: Length of the path in the space's distance; NaN without one.
+        clearance: Least distance to obstacles and bounds along it, never too large; NaN without a path.
+        samples: Samples drawn in all.
+        searches: Searches run: more than one where there was time to go on after the first path.
+        preparation: Seconds before the first search, in which the guiding space got ready.
+        seconds: Seconds in all, preparation included.
+        history: (k, 3) seconds, samples and length of each path that was shorter than all before.
+    """
+
+    task: Task
+    path: FloatArray | None
+    length: float
+    clearance: float
+    samples: int
+    searches: int
+    preparation: float
+    seconds: float
+    history: FloatArray
+
+    @property
+    def solved(self) -> bool:
+        """Whether there is a path."""
+        return self.path is not None
+
+    def row(self, space: ConfigurationSpace) -> dict[str, Any]:
+        """The plan as JSON has it."""
+        path = self.path
+        return {
+            "start": self.task.start.tolist(),
+            "goal": self.task.goal.tolist(),
+            "solved": self.solved,
+            "length": _finite(self.length),
+            "clearance": _finite(self.clearance),
+            "samples": self.samples,
+            "searches": self.searches,
+            "preparation_seconds": self.preparation,
+            "seconds": self.seconds,
+            "history": self.history.tolist(),
+            "waypoints": None if path is None else path.tolist(),
+            "headings": None if path is None else headings(space, path).tolist(),
+        }
+
+
+def _finite(value: float) -> float | None:
+    return value if math.isfinite(value) else None
+
+
+class Planner:
+    """Plans in one space: what does not depend on the task is prepared once and kept.
+
+    Args:
+        problem: Its robot, environment and metric, and its rule of when a goal counts as reached.
+        guidance: Name of a guiding space, with options as on the command line, or `AUTO`.
+        step: Radius of an expansion; by default 8 circumradii of the robot, 5 % of the diagonal at most.
+        max_samples: Samples after which a search gives up.
+        smoothing: Attempts to make a path shorter.
+        room: Clearance that smoothing keeps (length).
+
+    Raises:
+        UnknownNameError: No such guidance.
+        InvalidInputError: A number out of range.
+    """
+
+    def __init__(
+        self,
+        problem: Problem,
+        guidance: str = AUTO,
+        *,
+        step: float | None = None,
+        max_samples: int = MAX_SAMPLES,
+        smoothing: int = 0,
+        room: float = 0.0,
+    ) -> None:
+        self.problem = problem
+        self.space = problem.space
+        self.guidance = chosen_guidance(self.space, guidance)
+        self.options = SearchOptions(step=chosen_step(self.space) if step is None else step)
+        self.max_samples = integer("max_samples", max_samples, least=1)
+        self.smoothing = integer("smooth", smoothing, least=0)
+        self.room = number("room", room, least=0, what="length")
+
+    def plan(self, task: Task | None = None, *, seed: int = 0, seconds: float = 0.0) -> Answer:
+        """A path for a task.
+
+        Args:
+            task: The task; None for the problem's own.
+            seed: Seed of every random choice. Without a time limit, the same seed gives the same plan.
+            seconds: Go on looking for shorter paths until so many have passed; 0 for the first path.
+
+        Raises:
+            InvalidInputError: A task that does not fit the space, or a number out of range.
+        """
+        seed = integer("seed", seed, least=0)
+        seconds = number("seconds", seconds, least=0, what="time")
+        began = time.perf_counter()
+        problem = self.problem if task is None else self.problem.asking(task)
+        best: FloatArray | None = None
+        history: list[tuple[float, int, float]] = []
+        preparation, samples, searches = 0.0, 0, 0
+        while searches == 0 or time.perf_counter() - began < seconds:
+            path, search, ready = self._search(
+                problem, seed if searches == 0 else _RESTART_SEED + seed + searches
+            )
+            preparation = ready if searches == 0 else preparation
+            samples, searches = samples + search.samples, searches + 1
+            length = math.inf if path is None else path_length(self.space, path)
+            if path is not None and (not history or length < history[-1][2]):
+                best = path
+                history.append((time.perf_counter() - began, samples, length))
+            if best is not None and len(best) == 2:
+                break  # a straight motion: nothing is shorter
+        length, clearance = math.nan, math.nan
+        if best is not None:
+            length, clearance = path_length(self.space, best), path_clearance(self.space, best)
+        passed = time.perf_counter() - began
+        rows = np.array(history, np.float64).reshape(-1, 3)
+        return Answer(problem.task, best, length, clearance, samples, searches, preparation, passed, rows)
+
+    def _search(self, problem: Problem, seed: int) -> tuple[FloatArray | None, Search, float]:
+        """One search: its path, smoothed, and how long the guidance took to get ready."""
+        _, expansion_rng, guidance_rng = streams(seed)
+        began = time.perf_counter()
+        search = Search(problem, expansion_rng, guidance_rng, self.options)
+        search.attach(self.guidance)
+        ready = time.perf_counter() - began
+        search.run(self.guidance, self.max_samples)
+        path = search.path()
+        if path is not None and self.smoothing and len(path) > 1:
+            path = smooth(self.space, path, np.random.default_rng(seed), self.smoothing, room=self.room)
+        return path, search, ready
+
+
+def chosen_guidance(space: ConfigurationSpace, text: str) -> GuidingSpace:
+    """The guiding space of a name, or for `AUTO` one that fits the space.
+
+    Raises:
+        UnknownNameError: No such guidance or option.
+    """
+    if text != AUTO:
+        return GuidanceSpec.parse(text).make()
+    xmin, ymin, xmax, ymax = space.environment.bounds
+    least, turning = robot_widths(space.robot)
+    size = max(turning, least) * _CELLS_A_ROBOT
+    side = max(xmax - xmin, ymax - ymin)
+    wanted = _MOST if size == 0 else side / size
+    cells = 8 * math.ceil(min(max(wanted, _FEWEST), _MOST) / 8)
+    return make_guidance("wavefront", cells=cells)
+
+
+def chosen_step(space: ConfigurationSpace) -> float | None:
+    """Radius of an expansion that suits the robot among its obstacles; None for the default."""
+    most = 0.05 * space.extent
+    if space.robot.radius == 0:
+        return None
+    return min(most, max(_STEP_RADII * space.robot.radius, 0.1 * most))
+
+
+# Tasks ------------------------------------------------------------------------------------------------------
+
+
+def read_tasks(path: Path, problem: Problem) -> list[Task]:
+    """The tasks of a CSV file: start, then goal, a task a line; a first line of names is left out.
+
+    Raises:
+        StorageError: It cannot be read.
+        InvalidInputError: A line that is no task, or one that is in collision; names file and line.
+    """
+    dimension = problem.space.dimension
+    tasks = []
+    rows = csv.reader(read_text(path).splitlines())
+    try:
+        for line, row in enumerate(rows, start=1):
+            cells = [cell.strip() for cell in row]
+            if not any(cells) or (line == 1 and not _is_number(cells[0])):
+                continue
+            tasks.append(_task(f"{path}, line {line}", cells, dimension, problem))
+    except csv.Error as error:
+        raise StorageError(f"{path}: expected comma-separated numbers, got: {error}") from error
+    if not tasks:
+        raise InvalidInputError(f"{path}: expected at least one task, got none")
+    return tasks
+
+
+def _task(place: str, cells: Sequence[str], dimension: int, problem: Problem) -> Task:
+    if len(cells) != 2 * dimension or not all(map(_is_number, cells)):
+        raise InvalidInputError(
+            f"{place}: expected {2 * dimension} finite numbers (start, then goal), "
+            f"got {','.join(cells)[:80]!r}"
+        )
+    values = [float(cell) for cell in cells]
+    start, goal = values[:dimension], values[dimension:]
+    for name, q in (("start", start), ("goal", goal)):
+        check_heading(f"{place}: {name}", q)
+        if not problem.space.valid(q):
+            trouble = pose_trouble(problem.space, np.array(q))
+            raise InvalidInputError(f"{place}: {name}: expected a free pose, got {trouble}")
+    return Task(start, goal, problem.task.tolerance, problem.task.by_edge)
+
+
+def check_heading(place: str, q: Sequence[float]) -> None:
+    """Refuse a heading that can only be in degrees.
+
+    Raises:
+        InvalidInputError: It is beyond a full turn.
+    """
+    if len(q) == 3 and abs(q[2]) > 2.0 * math.pi + 1e-9:
+        raise InvalidInputError(
+            f"{place}: expected a heading of -2 pi to 2 pi in radians, got {q[2]:g} (degrees?)"
+        )
+
+
+def _is_number(text: str) -> bool:
+    try:
+        return math.isfinite(float(text))
+    except ValueError:
+        return False
