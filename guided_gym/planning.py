@@ -161,7 +161,7 @@ def guided_search(
         progress=progress,
     )
     seconds = time.perf_counter() - began - recorder.seconds
-    processor = time.process_time() - burnt - recorder.processor
+    processor = time.process_time() - burnt - recorder.seconds
     return SearchResult(
         problem,
         search.options,
@@ -171,7 +171,7 @@ def guided_search(
         search.collision_checks,
         seconds,
         preparation,
-        max(processor, 0.0),  # two clocks, one coarser than the other
+        max(processor, 0.0),  # two clocks: that of the processor is dear to read at each sample
         search.looks,
     )
 
@@ -201,11 +201,11 @@ class _Recorder:
         self._distributions = distributions
         self._blocks: list[NDArray[np.float64]] = []  # (k, 7) each, columns in the order of `Record`
         self._rows: list[list[float]] = []  # not in a block yet
-        self.seconds = self.processor = 0.0
+        self.seconds = 0.0
 
     def before(self, node: int) -> None:
         """The choice of ``node``, measured on the tree as it stands."""
-        began, burnt = time.perf_counter(), time.process_time()
+        began = time.perf_counter()
         row = [node, NO_NODE, len(self._search.tree), np.nan, np.nan, np.nan, np.nan]
         if self._metric is not None:
             row[3], row[6] = self._metric.choice(node)
@@ -214,7 +214,6 @@ class _Recorder:
                 row[4], row[5] = sampling_efficiency(p, q), jensen_shannon(p, q)
         self._rows.append(row)
         self.seconds += time.perf_counter() - began
-        self.processor += time.process_time() - burnt
 
     def after(self, expansion: Expansion) -> None:
         """What became of it."""
@@ -222,7 +221,7 @@ class _Recorder:
 
     def take(self, burst: NDArray[np.int32]) -> None:
         """Rows of a burst of samples: what each would have been measured at, in hindsight."""
-        began, burnt = time.perf_counter(), time.process_time()
+        began = time.perf_counter()
         self._close_block()
         grew = burst[:, 1] != NO_NODE
         block = np.full((len(burst), 7), np.nan)
@@ -233,7 +232,6 @@ class _Recorder:
                 row[3], row[6] = self._metric.choice(int(row[0]), int(row[2]))
         self._blocks.append(block)
         self.seconds += time.perf_counter() - began
-        self.processor += time.process_time() - burnt
 
     def _close_block(self) -> None:
         self._blocks.append(np.array(self._rows, np.float64).reshape(-1, 7))

@@ -31,7 +31,7 @@ def test_rectangle__hand_worked() -> None:
         [[(0, 0), (2, 2)], [(0, 4), (2, 2)], [(8, 0), (6, 2)], [(8, 4), (6, 2)], [(2, 2), (6, 2)]]
     )
     found = lines(room, 0.1)
-    spacing = room.extent / 200
+    spacing = room.extent / 100  # of the samples of the boundary
     assert found.difference(known.buffer(spacing)).length < 1e-9
     missing = known.difference(found.buffer(spacing))
     assert missing.length < 4 * 2 * 2.5 * spacing  # pruned where it runs into the corners
