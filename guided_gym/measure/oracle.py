@@ -206,8 +206,8 @@ class Oracle:
 def _solved(
     space: ConfigurationSpace, frame: FloatArray
 ) -> tuple[npt.NDArray[np.float32], npt.NDArray[np.uint8]]:
-    links, kinds = grid.free_vertices(space.geometry, frame)
-    claims = grid.certify_links(space.geometry, frame, links, kinds)
+    links, denied = grid.draw_obstacles(space.geometry, frame)
+    claims = grid.certify_links(space.geometry, frame, links, denied)
     grid.round_boundary(frame, links, claims, np.flatnonzero(claims))
     seeds, values = grid.seed_goal(space.geometry, frame, links)
     nt = int(frame[grid.COUNT_THETA])
