@@ -7,6 +7,7 @@ hundreds of pieces, and ways that lead through many narrow doors.
 from __future__ import annotations
 
 from dataclasses import dataclass, field
+from itertools import pairwise
 from typing import Final
 
 import numpy as np
@@ -53,7 +54,7 @@ def building() -> Problem:
 
 
 def random_building(rng: np.random.Generator) -> Problem:
-    """A random floor of 40 x 30 m with rooms, corridors, doors of 0.9 m and furniture; start and goal in two rooms."""
+    """A random floor of 40 x 30 m: rooms, corridors, doors and furniture; start and goal in two rooms."""
     return floor_problem(rng, *SIZE)
 
 
@@ -85,7 +86,7 @@ def _floor(rng: np.random.Generator, width: float, height: float) -> _Floor:
     blocks = max(1, round(height / (2 * np.mean(DEPTH) + CORRIDOR)))
     edges = np.linspace(0.0, height, blocks + 1)
     lobby = float(rng.uniform(0.3, 0.7) * width)
-    for low, high in zip(edges[:-1].tolist(), edges[1:].tolist(), strict=True):
+    for low, high in pairwise(edges.tolist()):
         middle = 0.5 * (low + high) + rng.uniform(-0.5, 0.5)
         below, above = middle - CORRIDOR / 2, middle + CORRIDOR / 2
         for x0, x1 in ((0.0, lobby - CORRIDOR / 2), (lobby + CORRIDOR / 2, width)):
@@ -108,7 +109,7 @@ def _row(
     spread = 0.15 * (x1 - x0) / count
     inner = np.linspace(x0, x1, count + 1)[1:-1] + rng.uniform(-spread, spread, count - 1)
     edges = [x0, *inner.tolist(), x1]
-    doors = [float(rng.uniform(a + 1.0, b - 1.0)) for a, b in zip(edges[:-1], edges[1:], strict=True)]
+    doors = [float(rng.uniform(a + 1.0, b - 1.0)) for a, b in pairwise(edges)]
     _wall(floor, (x0, corridor), (x1, corridor), doors)
     floor.doors += [(door, corridor) for door in doors]
     for edge in inner.tolist():
@@ -118,12 +119,10 @@ def _row(
     for edge, closed in zip((x0, x1), ends, strict=True):
         if closed:
             _wall(floor, (edge, y0), (edge, y1), [])
-    floor.rooms += [(a, y0, b, y1) for a, b in zip(edges[:-1], edges[1:], strict=True)]
+    floor.rooms += [(a, y0, b, y1) for a, b in pairwise(edges)]
 
 
-def _wall(
-    floor: _Floor, first: tuple[float, float], last: tuple[float, float], doors: list[float]
-) -> None:
+def _wall(floor: _Floor, first: tuple[float, float], last: tuple[float, float], doors: list[float]) -> None:
     """A wall along x or y, open for a door at each place along it."""
     upright = first[0] == last[0]
     start, end = (first[1], last[1]) if upright else (first[0], last[0])
@@ -189,9 +188,7 @@ def _table(rng: np.random.Generator, inside: Bounds) -> list[Polygon]:
         pieces.append(box(x - 0.2, y - 0.2, x + 0.2, y + 0.2))
     angle = float(rng.choice([0.0, 90.0, rng.uniform(0.0, 180.0)]))
     centre = (float(rng.uniform(x0, x1)), float(rng.uniform(y0, y1)))
-    return [
-        affinity.translate(affinity.rotate(piece, angle, origin=(0.0, 0.0)), *centre) for piece in pieces
-    ]
+    return [affinity.translate(affinity.rotate(piece, angle, origin=(0.0, 0.0)), *centre) for piece in pieces]
 
 
 def _posed(

@@ -49,6 +49,7 @@ LENT = 0.35
 of
 64 x 64 were 0.70, 0.66, 0.64 and 0.68 % with 0.05, 0.2, 0.35 and 0.5, and 0.88 % with nothing lent."""
 
+
 @njit(cache=True)
 def inradius(geometry: Geometry) -> float:
     """Radius of a disc about the reference point that the robot covers at every angle; 0 if there is none."""
@@ -126,14 +127,21 @@ def _span(planes: FloatArray, count: int, axis: int, at: float) -> tuple[float, 
 @njit(cache=True)
 def _lines(low: float, high: float, origin: float, step: float, count: int) -> tuple[int, int]:
     """Numbers (first, end) of the grid lines between two coordinates."""
-    first = max(0.0, min(float(count), math.ceil((low - origin) / step)))
-    end = max(0.0, min(float(count), math.floor((high - origin) / step) + 1.0))
+    first = math.ceil(max(0.0, min(float(count), (low - origin) / step)))
+    end = math.floor(max(-1.0, min(float(count) - 1.0, (high - origin) / step))) + 1
     return int(first), int(end)
 
 
 @njit(cache=True)
 def _cut(
-    frame: FloatArray, links: LinkArray, denied: LinkArray, planes: FloatArray, count: int, axis: int, at: int, k: int
+    frame: FloatArray,
+    links: LinkArray,
+    denied: LinkArray,
+    planes: FloatArray,
+    count: int,
+    axis: int,
+    at: int,
+    k: int,
 ) -> None:
     """Mark what a region takes of one grid line along `axis`: vertices, the links at its ends, claims there.
 
@@ -178,6 +186,18 @@ def _cut_turns(
 
 
 @njit(cache=True)
+def _most_axes(index: IndexArray) -> int:
+    """Axes that a robot piece and an obstacle piece have together, at most."""
+    middle, end = HEADER + ROW * index[0], HEADER + ROW * (index[0] + index[1])
+    robot, obstacle = 0, 0
+    for row in range(HEADER, middle, ROW):
+        robot = max(robot, index[row + 3])
+    for row in range(middle, end, ROW):
+        obstacle = max(obstacle, index[row + 3])
+    return robot + obstacle
+
+
+@njit(cache=True)
 def draw_obstacles(geometry: Geometry, frame: FloatArray) -> tuple[LinkArray, LinkArray]:
     """Draw the obstacles into a grid, angle by angle, as the robot's reference point meets them.
 
@@ -200,7 +220,7 @@ def draw_obstacles(geometry: Geometry, frame: FloatArray) -> tuple[LinkArray, Li
     for i in range(nx):
         first = ((i + PAD) * (ny + 2 * PAD) + PAD) * nt
         links[first : first + ny * nt] = VALID | LINK_X | LINK_Y | LINK_THETA
-    planes = np.empty((index.size, 3))
+    planes = np.empty((_most_axes(index), 3))
     frame = frame.copy()
     frame[ORIGIN_X] -= numbers[3]  # the pieces lie about an origin of their own
     frame[ORIGIN_Y] -= numbers[4]
@@ -208,8 +228,12 @@ def draw_obstacles(geometry: Geometry, frame: FloatArray) -> tuple[LinkArray, Li
     reach = numbers[2] + 2.0 * numbers[1]
     for n in range(index[1]):
         o, box = HEADER + ROW * (index[0] + n), index[2] + 4 * n
-        left, right = _lines(numbers[box] - reach, numbers[box + 2] + reach, frame[ORIGIN_X], frame[STEP_X], nx)
-        low, high = _lines(numbers[box + 1] - reach, numbers[box + 3] + reach, frame[ORIGIN_Y], frame[STEP_Y], ny)
+        left, right = _lines(
+            numbers[box] - reach, numbers[box + 2] + reach, frame[ORIGIN_X], frame[STEP_X], nx
+        )
+        low, high = _lines(
+            numbers[box + 1] - reach, numbers[box + 3] + reach, frame[ORIGIN_Y], frame[STEP_Y], ny
+        )
         for r in range(HEADER, HEADER + ROW * index[0], ROW):
             for k in range(nt):
                 count = _blocked_region(geometry, r, o, k * frame[STEP_THETA], 0.0, planes)
