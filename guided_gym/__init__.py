@@ -56,7 +56,7 @@ if TYPE_CHECKING:
         suboptimality,
         target,
     )
-    from guided_gym.options import SearchOptions, TargetParameters
+    from guided_gym.options import OracleOptions, SearchOptions, TargetParameters
     from guided_gym.planning import Record, SearchResult, guided_search
     from guided_gym.problems import Problem, Task
     from guided_gym.randomness import streams
@@ -110,7 +110,7 @@ _HOMES: dict[str, tuple[str, ...]] = {
         "suboptimality",
         "target",
     ),
-    "options": ("SearchOptions", "TargetParameters"),
+    "options": ("OracleOptions", "SearchOptions", "TargetParameters"),
     "planning": ("Record", "SearchResult", "guided_search"),
     "problems": ("Problem", "Task"),
     "randomness": ("streams",),
@@ -196,6 +196,7 @@ __all__ = [
     "NodeColumn",
     "Observer",
     "Oracle",
+    "OracleOptions",
     "PathDatabase",
     "PathLibrary",
     "Planner",

@@ -42,6 +42,44 @@ DEFAULT_TARGET = TargetParameters()
 
 
 @dataclass(frozen=True)
+class OracleOptions:
+    """How exactly the oracle knows d_C, and what it may spend on it.
+
+    Attributes:
+        resolution: Vertices of its grid along each axis of the configuration space; None chooses them by the
+            robot and the workspace, and refines until the estimated error is as small as asked.
+        mean: Estimated relative error that is asked for on average over free poses.
+        tail: Likewise at the 99th percentile.
+        budget: Vertices of its finest grid, at most. A million of them take some 0.5 s on one core and 50 MB;
+            a count, not a time, so that a problem has the same oracle on every machine.
+
+    Raises:
+        InvalidInputError: A resolution that is no 2 or 3 counts of at least 4, an error that is not positive,
+            or a budget below 10,000.
+    """
+
+    resolution: tuple[int, ...] | None = None
+    mean: float = 0.01
+    tail: float = 0.05
+    budget: int = 4_000_000
+
+    def __post_init__(self) -> None:
+        if self.resolution is not None:
+            if not isinstance(self.resolution, tuple | list) or len(self.resolution) not in (2, 3):
+                raise InvalidInputError(
+                    f"resolution: expected 2 or 3 vertex counts, one for each axis, got {self.resolution!r}"
+                )
+            counts = tuple(integer("resolution", n, least=4) for n in self.resolution)
+            object.__setattr__(self, "resolution", counts)
+        for name in ("mean", "tail"):
+            number(name, getattr(self, name), above=0)
+        integer("budget", self.budget, least=10_000)
+
+
+DEFAULT_ORACLE = OracleOptions()
+
+
+@dataclass(frozen=True)
 class SearchOptions:
     """How a search expands and is measured; independent of who chooses the nodes.
 
@@ -52,6 +90,7 @@ class SearchOptions:
         candidates: Members of N_C(v) that a guided expansion looks at.
         rewire: RRT*-style: a new node takes the best parent within one step, then becomes one itself.
         target: Parameters of the target distribution Q.
+        oracle: Resolution and budget of the oracle by which SE is measured.
 
     Raises:
         InvalidInputError: A value of the wrong type or out of range.
@@ -61,6 +100,7 @@ class SearchOptions:
     candidates: int = DEFAULT_CANDIDATES
     rewire: bool = False
     target: TargetParameters = DEFAULT_TARGET
+    oracle: OracleOptions = DEFAULT_ORACLE
 
     def __post_init__(self) -> None:
         if self.step is not None:
@@ -70,3 +110,4 @@ class SearchOptions:
         affordable("candidates", count, 96 * count, "a choice among so many")
         flag("rewire", self.rewire)
         instance("target", self.target, TargetParameters)
+        instance("oracle", self.oracle, OracleOptions)

@@ -23,6 +23,8 @@ ENVIRONMENTS: Final[dict[str, str]] = {
     "guided_gym/RandomPointMaze-v0": "RandomPointMaze",
     "guided_gym/HardPointMaze-v0": "HardPointMaze",
     "guided_gym/HardStickMaze-v0": "HardStickMaze",
+    "guided_gym/Building-v0": "Building",
+    "guided_gym/RandomBuilding-v0": "RandomBuilding",
 }
 
 SELECTION_ENTRY_POINT: Final = "guided_gym.envs.guide_selection_env:GuideSelectionEnv"

@@ -13,6 +13,7 @@ import numpy as np
 from shapely.geometry import Polygon, box
 from shapely.geometry.base import BaseGeometry
 
+from guided_gym.catalogue.buildings import building, random_building
 from guided_gym.catalogue.clutter import random_clutter
 from guided_gym.catalogue.distributions import FixedProblem, ProblemDistribution, SampledProblems
 from guided_gym.catalogue.files import file_distribution, is_file_name
@@ -112,6 +113,8 @@ _CATALOGUE: dict[str, Callable[[], ProblemDistribution]] = {
     "RandomPointMaze": _drawn("RandomPointMaze", random_point_maze),
     "HardPointMaze": _drawn("HardPointMaze", hard_point_maze),
     "HardStickMaze": _drawn("HardStickMaze", hard_stick_maze),
+    "Building": _fixed(building),
+    "RandomBuilding": _drawn("RandomBuilding", random_building),
 }
 
 # Known by name but not listed: they need files that do not come with the package.

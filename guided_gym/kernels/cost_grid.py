@@ -18,11 +18,7 @@ from guided_gym.kernels.collision import (
     HEADER,
     ROW,
     Geometry,
-    _disc_clear,
     _motion_fraction,
-    _point_segment_squared,
-    _pose_free,
-    next_run,
 )
 from guided_gym.kernels.eikonal import LINK_THETA, LINK_X, LINK_Y, PAD, IndexArray, LinkArray
 
@@ -53,8 +49,6 @@ LENT = 0.35
 of
 64 x 64 were 0.70, 0.66, 0.64 and 0.68 % with 0.05, 0.2, 0.35 and 0.5, and 0.88 % with nothing lent."""
 
-_OUTSIDE, _BLOCKED, _MIXED, _TURNS, _OPEN = 0, 1, 2, 3, 4
-
 
 @njit(cache=True)
 def inradius(geometry: Geometry) -> float:
@@ -72,86 +66,186 @@ def inradius(geometry: Geometry) -> float:
 
 
 @njit(cache=True)
-def _touches_disc(geometry: Geometry, o: int, x: float, y: float, radius: float) -> bool:
-    """Whether an obstacle piece comes within `radius` of the point (x, y)."""
+def _blocked_region(
+    geometry: Geometry, r: int, o: int, theta: float, inflation: float, planes: FloatArray
+) -> int:
+    """Where the reference point can't be: half-planes n.p <= c whose intersection is that region.
+
+    At one angle, the positions at which a robot piece is not separated from an obstacle piece are a convex
+    polygon (their Minkowski sum), and the axes of both pieces are its sides.
+
+    Args:
+        geometry: Robot and obstacles.
+        r: Row of the robot's piece.
+        o: Row of the obstacle's piece.
+        theta: The angle.
+        inflation: Length by which the region is larger than that of certified motions.
+        planes: (m, 3) receives nx, ny, c of each half-plane.
+
+    Returns:
+        The number of half-planes.
+    """
     numbers, index = geometry
-    gap = -np.inf
+    c, s, gap = math.cos(theta), math.sin(theta), numbers[1] + inflation
+    count = 0
     for e in range(index[o + 2], index[o + 2] + 3 * index[o + 3], 3):
-        gap = max(gap, numbers[e] * x + numbers[e + 1] * y - numbers[e + 2])
-    if gap >= radius or gap < 0.0 or index[o + 1] == 0:
-        return gap < radius
-    first, n_corners = index[o], index[o + 1]
-    for j in range(n_corners):
-        k, m = first + 2 * j, first + 2 * ((j + 1) % n_corners)
-        if (
-            _point_segment_squared(x, y, numbers[k], numbers[k + 1], numbers[m], numbers[m + 1])
-            < radius * radius
-        ):
-            return True
-    return False
+        ux, uy = numbers[e], numbers[e + 1]
+        bx, by = c * ux + s * uy, c * uy - s * ux
+        lowest = np.inf
+        for v in range(index[r], index[r] + 3 * index[r + 1], 3):
+            lowest = min(lowest, bx * numbers[v] + by * numbers[v + 1])
+        planes[count, 0], planes[count, 1], planes[count, 2] = ux, uy, numbers[e + 2] + gap - lowest
+        count += 1
+    if index[o + 1] == 0:
+        return count
+    for e in range(index[r + 2], index[r + 2] + 3 * index[r + 3], 3):
+        ux, uy = c * numbers[e] - s * numbers[e + 1], s * numbers[e] + c * numbers[e + 1]
+        lowest = np.inf
+        for w in range(index[o], index[o] + 2 * index[o + 1], 2):
+            lowest = min(lowest, ux * numbers[w] + uy * numbers[w + 1])
+        planes[count, 0], planes[count, 1], planes[count, 2] = -ux, -uy, numbers[e + 2] + gap - lowest
+        count += 1
+    return count
 
 
 @njit(cache=True)
-def _position_kind(geometry: Geometry, x: float, y: float, inradius: float, step: float) -> int:
-    """What the robot's circumscribed and inscribed discs tell about all angles at one position."""
-    numbers, index = geometry
-    reach = numbers[2] + numbers[1]
-    far = reach + step
-    x, y = x - numbers[3], y - numbers[4]
-    kind, node = _OPEN, 0
-    while node >= 0:
-        first, last, at = index[6], index[1], -1
-        if node < index[3]:
-            first, last, at = next_run(numbers, index, node, x, y, 0.0, 0.0, far)
-        node = at
-        for i in range(first, last):
-            b = index[2] + 4 * i
-            if (
-                x - far > numbers[b + 2]
-                or x + far < numbers[b]
-                or y - far > numbers[b + 3]
-                or y + far < numbers[b + 1]
-            ):
-                continue
-            o = HEADER + ROW * (index[0] + i)
-            if _disc_clear(numbers, index, o, x, y, 0.0, 0.0, far):
-                continue
-            if _touches_disc(geometry, o, x, y, inradius):
-                return _BLOCKED
-            if kind != _MIXED:
-                kind = _TURNS if _disc_clear(numbers, index, o, x, y, 0.0, 0.0, reach) else _MIXED
-    return kind
+def _span(planes: FloatArray, count: int, axis: int, at: float) -> tuple[float, float]:
+    """The part of the line that runs along `axis`, at `at` on the other axis, that lies in a region."""
+    low, high = -np.inf, np.inf
+    for e in range(count):
+        slope, rest = planes[e, axis], planes[e, 2] - planes[e, 1 - axis] * at
+        if abs(slope) < 1e-14:
+            if rest < 0.0:
+                return np.inf, -np.inf
+        elif slope > 0.0:
+            high = min(high, rest / slope)
+        else:
+            low = max(low, rest / slope)
+    return low, high
 
 
 @njit(cache=True)
-def free_vertices(geometry: Geometry, frame: FloatArray) -> tuple[LinkArray, LinkArray]:
-    """Find the free vertices of a grid.
+def _lines(low: float, high: float, origin: float, step: float, count: int) -> tuple[int, int]:
+    """Numbers (first, end) of the grid lines between two coordinates."""
+    first = math.ceil(max(0.0, min(float(count), (low - origin) / step)))
+    end = math.floor(max(-1.0, min(float(count) - 1.0, (high - origin) / step))) + 1
+    return int(first), int(end)
+
+
+@njit(cache=True)
+def _cut(
+    frame: FloatArray,
+    links: LinkArray,
+    denied: LinkArray,
+    planes: FloatArray,
+    count: int,
+    axis: int,
+    at: int,
+    k: int,
+) -> None:
+    """Mark what a region takes of one grid line along `axis`: vertices, the links at its ends, claims there.
+
+    Links between two vertices in the region are left to who looks for free vertices.
+    """
+    other = 1 - axis
+    low, high = _span(planes, count, axis, frame[ORIGIN_X + other] + at * frame[STEP_X + other])
+    if low > high:
+        return
+    n, last = int(frame[COUNT_X + axis]), int(frame[COUNT_X + axis]) - 1
+    low = max(-2.0, min(n + 1.0, (low - frame[ORIGIN_X + axis]) / frame[STEP_X + axis]))
+    high = max(-2.0, min(n + 1.0, (high - frame[ORIGIN_X + axis]) / frame[STEP_X + axis]))
+    first, end = math.ceil(low), math.floor(high) + 1  # the vertices in it, the end left out
+    nt = int(frame[COUNT_THETA])
+    column = (int(frame[COUNT_Y]) + 2 * PAD) * nt
+    stride, across = (column, nt) if axis == 0 else (nt, column)
+    origin = (at + PAD) * across + PAD * stride + k
+    if axis == 1:
+        for j in range(max(first, 0), min(end, n)):
+            links[origin + j * stride] &= ~np.uint8(VALID)
+    if 0 < first <= last:
+        links[origin + (first - 1) * stride] &= ~np.uint8(1 << axis)
+        if low - (first - 1) <= LENT:
+            denied[origin + first * stride] |= np.uint8(1 << 2 * axis)
+    if 0 < end <= last:
+        links[origin + (end - 1) * stride] &= ~np.uint8(1 << axis)
+        if end - high <= LENT:
+            denied[origin + (end - 1) * stride] |= np.uint8(1 << (2 * axis + 1))
+
+
+@njit(cache=True)
+def _cut_turns(
+    frame: FloatArray, links: LinkArray, planes: FloatArray, count: int, column: int, k: int
+) -> None:
+    """Clear LINK_THETA at the vertices of one column in a region."""
+    low, high = _span(planes, count, 1, frame[ORIGIN_X] + column * frame[STEP_X])
+    first, end = _lines(low, high, frame[ORIGIN_Y], frame[STEP_Y], int(frame[COUNT_Y]))
+    nt = int(frame[COUNT_THETA])
+    origin = ((column + PAD) * (int(frame[COUNT_Y]) + 2 * PAD) + PAD) * nt + k
+    for j in range(first, end):
+        links[origin + j * nt] &= ~np.uint8(LINK_THETA)
+
+
+@njit(cache=True)
+def _most_axes(index: IndexArray) -> int:
+    """Axes that a robot piece and an obstacle piece have together, at most."""
+    middle, end = HEADER + ROW * index[0], HEADER + ROW * (index[0] + index[1])
+    robot, obstacle = 0, 0
+    for row in range(HEADER, middle, ROW):
+        robot = max(robot, index[row + 3])
+    for row in range(middle, end, ROW):
+        obstacle = max(obstacle, index[row + 3])
+    return robot + obstacle
+
+
+@njit(cache=True)
+def draw_obstacles(geometry: Geometry, frame: FloatArray) -> tuple[LinkArray, LinkArray]:
+    """Draw the obstacles into a grid, angle by angle, as the robot's reference point meets them.
+
+    At one angle, what an obstacle piece takes of a line of the grid is an interval, known exactly. That gives
+    vertices and links along x and y without a collision check for each. A turn is sure where the regions of
+    the angle half-way, grown by what half of the turn can move, leave it free.
 
     Args:
         geometry: Robot and obstacles.
         frame: (FRAME,) where the vertices lie.
 
     Returns:
-        (n,) uint8 links with nothing but the bit VALID, and (columns, rows) uint8: what the
-        robot's discs tell about each position.
+        (n,) uint8 links: VALID is right for every vertex; the bits of links are right between free vertices,
+        but LINK_THETA may be missing; and (n,) uint8 claims that must be denied (see `certify_links`).
     """
+    numbers, index = geometry
     nx, ny, nt = int(frame[COUNT_X]), int(frame[COUNT_Y]), int(frame[COUNT_THETA])
-    hx, hy = frame[STEP_X], frame[STEP_Y]
     links = np.zeros((nx + 2 * PAD) * (ny + 2 * PAD) * nt, dtype=np.uint8)
-    kinds = np.zeros((nx + 2 * PAD, ny + 2 * PAD), dtype=np.uint8)
-    inner = inradius(geometry)
+    denied = np.zeros(links.size, dtype=np.uint8)
     for i in range(nx):
-        for j in range(ny):
-            x, y = frame[ORIGIN_X] + i * hx, frame[ORIGIN_Y] + j * hy
-            kind = _position_kind(geometry, x, y, inner, max(hx, hy))
-            kinds[i + PAD, j + PAD] = kind
-            v = ((i + PAD) * (ny + 2 * PAD) + j + PAD) * nt
+        first = ((i + PAD) * (ny + 2 * PAD) + PAD) * nt
+        links[first : first + ny * nt] = VALID | LINK_X | LINK_Y | LINK_THETA
+    planes = np.empty((_most_axes(index), 3))
+    frame = frame.copy()
+    frame[ORIGIN_X] -= numbers[3]  # the pieces lie about an origin of their own
+    frame[ORIGIN_Y] -= numbers[4]
+    growth = 0.5 * frame[STEP_THETA] * numbers[2]
+    reach = numbers[2] + 2.0 * numbers[1]
+    for n in range(index[1]):
+        o, box = HEADER + ROW * (index[0] + n), index[2] + 4 * n
+        left, right = _lines(
+            numbers[box] - reach, numbers[box + 2] + reach, frame[ORIGIN_X], frame[STEP_X], nx
+        )
+        low, high = _lines(
+            numbers[box + 1] - reach, numbers[box + 3] + reach, frame[ORIGIN_Y], frame[STEP_Y], ny
+        )
+        for r in range(HEADER, HEADER + ROW * index[0], ROW):
             for k in range(nt):
-                if kind >= _TURNS or (
-                    kind == _MIXED and _pose_free(geometry[0], geometry[1], x, y, k * frame[STEP_THETA])
-                ):
-                    links[v + k] = VALID
-    return links, kinds
+                count = _blocked_region(geometry, r, o, k * frame[STEP_THETA], 0.0, planes)
+                for i in range(left, right):
+                    _cut(frame, links, denied, planes, count, 1, i, k)
+                for j in range(low, high):
+                    _cut(frame, links, denied, planes, count, 0, j, k)
+                if nt > 1:
+                    count = _blocked_region(geometry, r, o, (k + 0.5) * frame[STEP_THETA], growth, planes)
+                    for i in range(left, right):
+                        _cut_turns(frame, links, planes, count, i, k)
+    return links, denied
 
 
 @njit(cache=True)
@@ -167,8 +261,14 @@ def along(frame: FloatArray, v: int, axis: int, sense: int) -> int:
 
 
 @njit(cache=True)
-def certify_links(geometry: Geometry, frame: FloatArray, links: LinkArray, kinds: LinkArray) -> LinkArray:
-    """Set the bits of the links between free neighbours whose motion is certified.
+def certify_links(geometry: Geometry, frame: FloatArray, links: LinkArray, denied: LinkArray) -> LinkArray:
+    """Leave the bits of links between free neighbours whose motion is certified, and no others.
+
+    Args:
+        geometry: Robot and obstacles.
+        frame: (FRAME,) where the vertices lie.
+        links: (n,) uint8, from `draw_obstacles`; completed.
+        denied: (n,) uint8, likewise: claims along x and y of which too little of the link is free.
 
     Returns:
         (n,) uint8 claims on vertices in collision by their free neighbours, see `round_boundary`. The bit
@@ -176,39 +276,56 @@ def certify_links(geometry: Geometry, frame: FloatArray, links: LinkArray, kinds
     """
     nx, ny, nt = int(frame[COUNT_X]), int(frame[COUNT_Y]), int(frame[COUNT_THETA])
     claims = np.zeros(links.size, dtype=np.uint8)
-    step = np.zeros(3)
+    strides = ((ny + 2 * PAD) * nt, nt)
     for p in range(nx * ny):
         i, j = p // ny, p % ny
-        kind = kinds[i + PAD, j + PAD]
-        if kind == _BLOCKED:
-            continue
-        x, y = frame[ORIGIN_X] + i * frame[STEP_X], frame[ORIGIN_Y] + j * frame[STEP_Y]
         first = ((i + PAD) * (ny + 2 * PAD) + j + PAD) * nt
-        if kind == _OPEN:
-            links[first : first + nt] = VALID | LINK_X | LINK_Y | LINK_THETA
-        for side in range(6 if kind != _OPEN else 0):
-            axis, sense = side >> 1, 1 - 2 * (side & 1)
-            other = kinds[i + PAD + (sense if axis == 0 else 0), j + PAD + (sense if axis == 1 else 0)]
-            known = other == _OPEN or (axis == 2 and (nt == 1 or kind == _TURNS))
-            for k in range(nt if other != _OUTSIDE else 0):
-                w = along(frame, first + k, axis, sense)
-                both = links[w] & VALID
-                if not links[first + k] & VALID or (both and sense < 0):
-                    continue
-                if not known:
-                    step[:] = 0.0
-                    step[axis] = sense * frame[STEP_X + axis] * (1.0 if both else LENT)
-                    theta = k * frame[STEP_THETA]
-                    fraction = _motion_fraction(
-                        geometry[0], geometry[1], x, y, theta, step[0], step[1], step[2], True
-                    )
-                    if fraction != 1.0:
-                        continue
-                if both:
-                    links[first + k] |= 1 << axis
-                else:
-                    claims[w] |= 1 << side
+        for axis in range(2):
+            stride = strides[axis]
+            if (i if axis == 0 else j) == (nx if axis == 0 else ny) - 1:
+                for v in range(first, first + nt):
+                    links[v] &= ~np.uint8(1 << axis)
+                continue
+            for v in range(first, first + nt):
+                free, beyond = links[v] & VALID, links[v + stride] & VALID
+                if not (free and beyond):
+                    links[v] &= ~np.uint8(1 << axis)
+                    if free and not denied[v + stride] & (1 << 2 * axis):
+                        claims[v + stride] |= np.uint8(1 << 2 * axis)
+                    elif beyond and not denied[v] & (2 << 2 * axis):
+                        claims[v] |= np.uint8(2 << 2 * axis)
+        if nt > 1:
+            x, y = frame[ORIGIN_X] + i * frame[STEP_X], frame[ORIGIN_Y] + j * frame[STEP_Y]
+            _certify_turns(geometry, frame, links, claims, first, x, y)
+        elif not links[first] & VALID:
+            links[first] = 0
     return claims
+
+
+@njit(cache=True)
+def _certify_turns(
+    geometry: Geometry, frame: FloatArray, links: LinkArray, claims: LinkArray, first: int, x: float, y: float
+) -> None:
+    """`certify_links` for the turns at one position."""
+    numbers, index = geometry
+    nt, turn = int(frame[COUNT_THETA]), frame[STEP_THETA]
+    for k in range(nt):
+        v, w = first + k, first + (k + 1) % nt
+        free, beyond = links[v] & VALID, links[w] & VALID
+        if free and beyond:
+            if not links[v] & LINK_THETA and (
+                _motion_fraction(numbers, index, x, y, k * turn, 0.0, 0.0, turn, True) == 1.0
+            ):
+                links[v] |= np.uint8(LINK_THETA)
+            continue
+        links[v] &= ~np.uint8(LINK_THETA)
+        if free:
+            if _motion_fraction(numbers, index, x, y, k * turn, 0.0, 0.0, LENT * turn, True) == 1.0:
+                claims[w] |= np.uint8(1 << 4)
+        elif beyond:
+            angle = (k + 1) * turn
+            if _motion_fraction(numbers, index, x, y, angle, 0.0, 0.0, -LENT * turn, True) == 1.0:
+                claims[v] |= np.uint8(1 << 5)
 
 
 @njit(cache=True)

@@ -9,7 +9,7 @@ Layout. Fields are flat, index = (column * columns_y + row) * n_angles + angle, 
 are joined by a free motion (`LINK_X`: to the next column, `LINK_Y`: to the next row, `LINK_THETA`: to the
 next angle); the wave only crosses links. A grid of one angle is a grid in the plane.
 """
-# mypy: disable-error-code="misc,arg-type,assignment,no-any-return"
+# mypy: disable-error-code="misc,arg-type,assignment,no-any-return,return-value"
 
 from __future__ import annotations
 
@@ -40,19 +40,17 @@ def _upwind(
     field: FieldArray, links: LinkArray, v: int, lo: int, lo2: int, hi: int, hi2: int, bit: int
 ) -> tuple[float, float]:
     """The smaller linked neighbour along one axis and the vertex behind it; infinite where there is none."""
-    near, far = np.inf, np.inf
-    if links[v] & bit:
-        near = field[hi]
-        if links[hi] & bit:
-            far = field[hi2]
-    if links[lo] & bit and field[lo] < near:
-        near, far = field[lo], np.inf
-        if links[lo2] & bit:
-            far = field[lo2]
+    # Loads without branches: what is not linked is looked at, and not used.
+    below = field[lo] if links[lo] & bit else _INF
+    above = field[hi] if links[v] & bit else _INF
+    near, behind, link = above, hi2, hi
+    if below < above:
+        near, behind, link = below, lo2, lo2
+    far = field[behind] if links[link] & bit else _INF
     return near, far
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def _term(near: float, far: float, weight: float) -> tuple[float, float]:
     """One axis' term weight * (u - value)^2: of second order where the vertex behind is upwind too."""
     if far <= near < np.inf and (near - far) ** 2 * weight <= 1.02:
@@ -60,7 +58,7 @@ def _term(near: float, far: float, weight: float) -> tuple[float, float]:
     return weight, near
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def _smallest_consistent(w0: float, a0: float, w1: float, a1: float, w2: float, a2: float) -> float:
     """The u that solves sum of w (u - a)^2 = 1 over the terms with a < u."""
     if a1 < a0:
@@ -83,7 +81,7 @@ def _smallest_consistent(w0: float, a0: float, w1: float, a1: float, w2: float, 
     return a0 + (b + math.sqrt(max(b * b - a * c, 0.0))) / a
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def _offer(
     field: FieldArray,
     links: LinkArray,
@@ -149,13 +147,15 @@ def _fan_level(field: FieldArray, levels: LinkArray, near: npt.NDArray[np.int64]
     return level - 1
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def _march(
     links: LinkArray,
     stride: int,
     n_angles: int,
     spacing: FloatArray,
     seeds: int,
+    fresh: bool,
+    base: float,
     width: float,
     field: FieldArray,
     trial: FieldArray,
@@ -166,9 +166,11 @@ def _march(
 ) -> None:
     """Run the wave until no bucket holds a vertex.
 
-    Bucket b holds the vertices with trial values in [b, b + 1) * width, as a chain of entries: `head` of the
-    slot b % head.size, then `following`. The first `seeds` entries are known vertices. A vertex may wait in
-    several entries, of which all but the first that is reached are stale.
+    A fresh wave fills a field that is infinite; the other kind lowers one. Bucket b holds the vertices with
+    trial values in base + [b, b + 1) * width, as a chain of entries: `head` of the
+    slot b % head.size, then `following`. The first `seeds` entries are there; in a fresh
+    wave they are known vertices. A vertex may wait in several entries, of which all but
+    the first that is reached are stale.
     """
     sides = 6 if n_angles > 1 else 4
     weights = (1.0 / spacing[0] ** 2, 1.0 / spacing[1] ** 2, 1.0 / spacing[2] ** 2)
@@ -181,7 +183,7 @@ def _march(
             v = np.int64(waiting[entry])
             head[slot] = following[entry]
             live -= 1
-            if field[v] < _INF and entry >= seeds:
+            if field[v] <= trial[v] and not (fresh and entry < seeds):
                 continue
             field[v] = trial[v]
             _neighbours(links, v, stride, n_angles, near)
@@ -192,16 +194,16 @@ def _march(
                 u = np.inf
                 if target < 6:
                     w = near[target]
-                    if w >= 0 and field[w] == _INF:
+                    if w >= 0 and (field[w] == _INF if fresh else field[w] > field[v]):
                         u = _offer(field, links, w, stride, n_angles, weights)
                 else:
                     s, t = _SQUARES[target - 6, 0], _SQUARES[target - 6, 1]
                     w = _corner(links, v, near, s, t)
-                    if w >= 0 and field[w] == _INF:
+                    if w >= 0 and (field[w] == _INF if fresh else field[w] > field[v]):
                         u = field[v] + math.sqrt(spacing[s >> 1] ** 2 + spacing[t >> 1] ** 2)
                 if u < trial[w]:
                     trial[w] = u
-                    slot_w = max(int(u / width), bucket) % head.size
+                    slot_w = max(int((u - base) / width), bucket) % head.size
                     waiting[used], following[used], head[slot_w] = w, head[slot_w], used
                     used, live = used + 1, live + 1
         bucket += 1
@@ -223,18 +225,63 @@ def march(
     Returns:
         (n,) float32, infinite where no chain of links leads to a seed.
     """
-    lengths = spacing[: 3 if n_angles > 1 else 2]
-    span = max(2.0 * float(lengths.max()), float(values.max(initial=0.0)))
-    width = max(0.1 * float(lengths.min()), span / _MAX_BUCKETS)
-    n = links.size
-    field = np.full(n, _INF, dtype=np.float32)
+    field = np.full(links.size, _INF, dtype=np.float32)
     field[seeds] = values
+    _run(links, stride, n_angles, spacing, seeds, values, field, field.copy(), True)
+    return field
+
+
+def improve(
+    links: LinkArray,
+    stride: int,
+    n_angles: int,
+    spacing: FloatArray,
+    field: FieldArray,
+    vertices: IndexArray,
+    values: FloatArray,
+) -> None:
+    """Let a wave run on from vertices that turned out to be nearer, as far as it brings others nearer too.
+
+    Args:
+        links: As `march`, like the next three.
+        stride: Vertices in a column.
+        n_angles: Number of angles.
+        spacing: (3,) lengths of a link.
+        field: (n,) float32 solution so far; changed.
+        vertices: (m,) different vertices.
+        values: (m,) what their values are at most.
+    """
+    trial = field.copy()
+    nearer = values < field[vertices]
+    vertices, values = vertices[nearer], values[nearer]
+    trial[vertices] = values
+    if vertices.size:
+        _run(links, stride, n_angles, spacing, vertices, values, field, trial, False)
+
+
+def _run(
+    links: LinkArray,
+    stride: int,
+    n_angles: int,
+    spacing: FloatArray,
+    first: IndexArray,
+    values: FloatArray,
+    field: FieldArray,
+    trial: FieldArray,
+    fresh: bool,
+) -> None:
+    """Fill the buckets with the first vertices and run the wave; they are known for good if it is fresh."""
+    lengths = spacing[: 3 if n_angles > 1 else 2]
+    base = 0.0 if fresh else float(values.min())
+    span = max(2.0 * float(lengths.max()), float(values.max(initial=0.0)) - base)
+    width = max(0.1 * float(lengths.min()), span / _MAX_BUCKETS)
+    n, m = links.size, first.size
     head = np.full(int(span / width) + 3, -1, dtype=np.int64)
-    # Each of a vertex's six neighbours and twelve diagonals makes it wait at most once.
-    following = np.empty(seeds.size + 18 * n, dtype=np.int32)
-    waiting = np.empty(seeds.size + 18 * n, dtype=np.int32)
-    waiting[: seeds.size] = seeds
-    for entry, slot in enumerate((values / width).astype(np.int64)):
+    # Each of a vertex's six neighbours and twelve diagonals makes it wait at most once, an improved vertex
+    # more often, but not all of them are improved.
+    following, waiting = np.empty(m + 18 * n, dtype=np.int32), np.empty(m + 18 * n, dtype=np.int32)
+    waiting[:m] = first
+    for entry, slot in enumerate(((values - base) / width).astype(np.int64)):
         following[entry], head[slot] = head[slot], entry
     levels = np.zeros(n, dtype=np.uint8)
     _march(
@@ -242,13 +289,35 @@ def march(
         stride,
         n_angles,
         spacing,
-        seeds.size,
+        m,
+        fresh,
+        base,
         width,
         field,
-        field.copy(),
+        trial,
         levels,
         head,
         following,
         waiting,
     )
+
+
+@njit(cache=True)
+def flood(links: LinkArray, stride: int, n_angles: int, seeds: IndexArray) -> FieldArray:
+    """0 at each vertex that a chain of links joins to a seed, infinite elsewhere: where `march` arrives."""
+    field = np.full(links.size, _INF, dtype=np.float32)
+    stack = np.empty(links.size, dtype=np.int64)
+    near = np.empty(6, dtype=np.int64)
+    size = 0
+    for v in seeds:
+        field[v], stack[size] = np.float32(0.0), v
+        size += 1
+    while size > 0:
+        size -= 1
+        _neighbours(links, stack[size], stride, n_angles, near)
+        for side in range(6):
+            w = near[side]
+            if w >= 0 and field[w] == _INF:
+                field[w], stack[size] = np.float32(0.0), w
+                size += 1
     return field

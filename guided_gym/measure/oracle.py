@@ -10,45 +10,84 @@ import math
 import threading
 from collections import OrderedDict
 from collections.abc import Sequence
+from dataclasses import dataclass
 from functools import cached_property
+from typing import NamedTuple
 
 import numpy as np
 import numpy.typing as npt
 
-from guided_gym.errors import InvalidInputError, NoPathError
+from guided_gym.compute.workers import in_worker
+from guided_gym.errors import InvalidInputError, NoPathError, warn
 from guided_gym.geometry.space import ConfigurationSpace
 from guided_gym.kernels import cost_grid as grid
 from guided_gym.kernels.cost_query import OracleState, cost_to_go_many, cost_to_go_one
-from guided_gym.kernels.eikonal import PAD, march
+from guided_gym.kernels.eikonal import PAD, flood, improve, march
+from guided_gym.measure.certified import descent, divided, lengths_left
 from guided_gym.measure.oracle_store import FieldStore
+from guided_gym.measure.passages import passages
+from guided_gym.options import DEFAULT_ORACLE, OracleOptions
 
 FloatArray = npt.NDArray[np.float64]
 Configurations = FloatArray | Sequence[float] | Sequence[Sequence[float]]
 
-SOLVER_VERSION = 2
+SOLVER_VERSION = 3
 """Part of every cache key: raise it with any change that alters a field, its links or their layout."""
 
-_BUDGET = {2: 100_000, 3: 180_000}
-"""Vertices of the default grid: some 30 and 70 ms on one core."""
+_FIRST = {2: 100_000, 3: 180_000}
+"""Vertices of the first grid in a small workspace: some 30 and 50 ms on one core."""
+_SIDE = {2: 320, 3: 64}
+"""Vertices along the shorter side of the first grid in a small workspace."""
+_LINK = 0.55
+"""Links of the first grid are at most this part of the robot's radius, for one that turns."""
 _FINEST = {2: 4, 3: 2}
-"""How many times finer than the first grid a search for a path may become before a problem is refused."""
+"""How many times finer a grid may become for a start that is not connected."""
+_DEEPEST = {2: 2, 3: 1}
+"""Grids, each twice as fine as the one before, that are tried for a pose in a pocket."""
 _SIGHT = 8
 """Links around the goal within which distances are made exact."""
+_POSES = 400
+"""Free poses at which two grids are compared."""
+_TRUST = 0.7
+"""Error of a grid as a part of its difference from one of half the resolution, see docs/oracle.md."""
+_ROUNDS = 4
+"""Waves after the first one, each of which may come through more narrow passages."""
+_LOOK_AHEAD = 6
+"""Waypoints of a certified path, a link apart, that the vertices beside it are joined to."""
+_GAIN = 0.005
+"""Part of its cost-to-go by which a passage must bring a vertex nearer for another wave."""
 _REMEMBERED = 32
 """Oracles that `oracle_for` keeps in memory."""
 
 
+class OracleError(NamedTuple):
+    """Estimated relative error of an oracle over free poses, from a grid of half its resolution.
+
+    Attributes:
+        mean: On average.
+        tail: At the 99th percentile.
+    """
+
+    mean: float
+    tail: float
+
+    def __str__(self) -> str:
+        return f"{100 * self.mean:.2f} % on average, {100 * self.tail:.2f} % at the 99th percentile"
+
+
 class Oracle:
-    """Shortest-path distances to one goal, d_C(q, t), from one solve on a grid.
+    """Shortest-path distances to one goal, d_C(q, t), on a grid fine enough for the problem.
 
     A grid of poses over (x, y) or (x, y, theta), theta periodic, whose links are certified motions; the
-    eikonal equation solved over it from exact values around the goal; interpolation between the vertices.
-    Nothing leaks through walls, however thin. Distances are in the metric of the space (length), relative
-    errors typically below 1 % (see benchmarks/oracle.py).
+    eikonal equation solved over it from exact values around the goal; certified ways through gaps that the
+    grid may miss; interpolation between the vertices. Nothing leaks through walls, however thin. Distances
+    are in the metric of the space (length). The grid is refined until the error, estimated from a grid of
+    half the resolution, is as small as the options ask, or their budget is spent.
 
     Attributes:
         space: The configuration space.
         goal: (d,) the goal t, read-only.
+        options: Resolution, error asked for, budget.
         resolution: (d,) vertices along each axis.
         state: What `guided_gym.kernels.cost_query.cost_to_go_one` takes, for compiled callers.
     """
@@ -60,6 +99,7 @@ class Oracle:
         *,
         start: Configurations | None = None,
         resolution: Sequence[int] | None = None,
+        options: OracleOptions | None = None,
         cache: bool = True,
     ) -> None:
         """Solve, or load an earlier solution from the disk cache.
@@ -67,28 +107,38 @@ class Oracle:
         Args:
             space: Configuration space of dimension 2 or 3.
             goal: (d,) a valid configuration.
-            start: (d,) a valid configuration; if it is not connected to the goal on the first grid, finer
-            ones are
-                tried (up to 4 times finer in two dimensions, twice in three).
-            resolution: Vertices along each axis of the first grid; by default what takes well under 100 ms.
+            start: (d,) a valid configuration; if it is not connected to the goal, finer grids are tried (up
+                to 4 times finer in two dimensions, twice in three, within the budget).
+            resolution: Vertices along each axis of the grid, instead of what the options say.
+            options: Resolution, error asked for, budget; the default ones if None.
             cache: Whether to use the disk cache (`guided_gym.measure.oracle_store`).
 
         Raises:
             InvalidInputError: A dimension above 3, a goal or start that is not valid, or an unusable
-            resolution. NoPathError: No path from start to goal, as far as the finest grid can tell.
+                resolution.
+            NoPathError: No path from start to goal, as far as the finest grid can tell.
         """
-        if space.dimension not in _BUDGET:
+        if space.dimension not in _FIRST:
             raise InvalidInputError(
                 f"the oracle's grid covers spaces of 2 or 3 dimensions, got one of {space.dimension}"
             )
         self.space = space
         self.goal = _valid_configuration(space, goal, "goal")
+        self.options = DEFAULT_ORACLE if options is None else options
         self._cache = cache
-        self._first = _checked_resolution(space, resolution)
-        self._refinement = 1
-        self._solve()
+        fixed = self.options.resolution if resolution is None else resolution
+        self._first = (
+            _first_resolution(space, self.options.budget) if fixed is None else _checked(space, fixed)
+        )
+        self._refinement, self._depth = 1, 0
+        self._error: OracleError | None = None
+        self._solve(estimated=fixed is None)
         if start is not None:
-            self._reach(_valid_configuration(space, start, "start"))
+            self._reach(_valid_configuration(space, start, "start"), estimated=fixed is None)
+        if fixed is None:
+            self._refine()
+        if start is not None:
+            self._tighten(_valid_configuration(space, start, "start"))
 
     def __repr__(self) -> str:
         return f"Oracle({self.space!r}, goal={self.goal.tolist()}, resolution={self.resolution})"
@@ -152,19 +202,68 @@ class Oracle:
             axes.append((np.arange(n) - n // 2) * frame[grid.STEP_THETA])
         return tuple(axes)
 
-    def _solve(self) -> None:
+    @property
+    def error(self) -> OracleError:
+        """The estimated error; where the resolution was given, this solves half of it when first asked."""
+        if self._error is None:
+            self._error = self._compared()
+        return self._error
+
+    def _solve(self, estimated: bool) -> None:
         """Solve at the present refinement, or load what an earlier process solved."""
-        factor = self._refinement
-        self.resolution = tuple(n * factor for n in self._first)
+        self.resolution = tuple(n * self._refinement for n in self._first)
         frame = _frame(self.space, self.goal, self.resolution)
         nx, ny, nt = (int(n) for n in frame[grid.COUNT_X : grid.COUNT_X + 3])
         store = FieldStore.default() if self._cache else FieldStore(None)
-        key = self._key()
-        stored = store.load(key, (nx + 2 * PAD) * (ny + 2 * PAD) * nt)
-        if stored is None:
-            stored = _solved(self.space, frame)
-            store.save(key, *stored)
-        self.state: OracleState = (*stored, frame, self.space.geometry)
+        key, size = self._key(), (nx + 2 * PAD) * (ny + 2 * PAD) * nt
+        stored = store.load(key, size)
+        self.__dict__.pop("_finer", None)
+        if stored is not None:
+            self.state: OracleState = (*stored[:2], frame, self.space.geometry)
+            mean, tail = stored[2]
+            self._error = None if math.isnan(mean) else OracleError(mean, tail)
+            if self._error is not None or not estimated:
+                return
+        else:
+            self.state = _solved(self.space, frame)
+        self._error = self._compared() if estimated else None
+        if self._error is None:
+            store.save(key, *self.state[:2])
+        else:
+            store.save(key, *self.state[:2], self._error)
+
+    def _compared(self) -> OracleError:
+        """The error, by how far a grid of half the resolution is from this one at some poses.
+
+        Poses that the coarser grid does not reach tell nothing and are left out.
+        """
+        poses = _free_poses(self.space)
+        coarse = tuple(max(4, (n + 1) // 2) for n in self.resolution)
+        if coarse == self.resolution or not len(poses):
+            return OracleError(0.0, 0.0) if not len(poses) else OracleError(1.0, 1.0)
+        ours = cost_to_go_many(poses, self.state)
+        theirs = cost_to_go_many(poses, _solved(self.space, _frame(self.space, self.goal, coarse)))
+        known = np.isfinite(ours) & np.isfinite(theirs) & (ours > 0.0)
+        if not known.any():
+            return OracleError(1.0, 1.0) if np.isfinite(ours).any() else OracleError(0.0, 0.0)
+        # Beside the goal distances are exact, and relative ones mean little.
+        apart = _TRUST * np.abs(theirs[known] - ours[known]) / ours[known]
+        return OracleError(float(apart.mean()), float(np.quantile(apart, 0.99)))
+
+    def _excess(self) -> float:
+        """How many times larger the error is than asked for."""
+        error = self.error
+        return max(error.mean / self.options.mean, error.tail / self.options.tail)
+
+    def _refine(self) -> None:
+        """Refine the grid until the error is as small as asked for, or the budget is spent: then warn."""
+        while (excess := self._excess()) > 1.0:
+            finer = _scaled(self.resolution, min(max(1.1 * excess, 1.4), 2.0), self.options.budget)
+            if finer is None:
+                _warn_of(self)
+                return
+            self._first, self._refinement = finer, 1
+            self._solve(estimated=True)
 
     def _key(self) -> str:
         digest = hashlib.sha256(
@@ -173,20 +272,41 @@ class Oracle:
         digest.update(self.goal.astype("<f8").tobytes())
         return digest.hexdigest()
 
-    def _reach(self, start: FloatArray) -> None:
+    def _reach(self, start: FloatArray, estimated: bool) -> None:
         """Refine the grid until the start is connected.
 
         Raises:
             NoPathError: Not even the finest grid connects it.
         """
         while math.isinf(cost_to_go_one(start, self.state)):
-            if self._refinement >= _FINEST[self.space.dimension]:
+            if not self._may_double():
                 raise NoPathError(
-                    f"no path from start {start.tolist()} to goal {self.goal.tolist()}: not connected on "
-                    f"a grid of {' x '.join(map(str, self.resolution))} poses, spacing {self._spacing():.3g}"
+                    f"no path from start {start.tolist()} to goal {self.goal.tolist()}: none found at "
+                    f"spacing {self._spacing():.3g} (a grid of {' x '.join(map(str, self.resolution))} "
+                    "poses); one may exist through a narrower passage: raise the resolution (OracleOptions)"
                 )
             self._refinement *= 2
-            self._solve()
+            self._solve(estimated)
+
+    def _may_double(self) -> bool:
+        vertices = math.prod(self.resolution) * 2**self.space.dimension
+        return self._refinement < _FINEST[self.space.dimension] and vertices <= self.options.budget
+
+    def _tighten(self, start: FloatArray) -> None:
+        """Find a path from the start; where it is shorter than the field says, correct the field by it."""
+        state, space = self.state, self.space
+        link = float((state[2][grid.STEP_X : grid.STEP_X + space.dimension] * space.weights).max())
+        path = descent(space, lambda q: cost_to_go_many(q, state), start, self.goal, link)
+        if path is None or lengths_left(space, path)[0] > (1.0 - _GAIN) * cost_to_go_one(start, state):
+            return
+        path = divided(space, path, link)
+        left = lengths_left(space, path)
+        work = _Grid(state[2], state[1])
+        field = state[0].copy()  # what was loaded is not ours to change
+        numbers, vertices, lengths = _attached(space, work, path, _LOOK_AHEAD)
+        offered = left[numbers] + lengths
+        _offer(work, field, vertices, offered)
+        self.state = (field, *state[1:])
 
     def _spacing(self) -> float:
         return float(self.state[2][grid.STEP_X : grid.STEP_X + 2].max())
@@ -194,26 +314,156 @@ class Oracle:
     @cached_property
     def _finer(self) -> Oracle | None:
         """The same oracle on a finer grid, for valid poses in pockets that this grid does not reach."""
-        if self._refinement >= _FINEST[self.space.dimension]:
+        resolution = _scaled(self.resolution, 2.0, self.options.budget)
+        if resolution is None or self._depth >= _DEEPEST[self.space.dimension]:
             return None
         finer = Oracle.__new__(Oracle)
-        finer.space, finer.goal, finer._cache, finer._first = self.space, self.goal, self._cache, self._first
-        finer._refinement = self._refinement * 2
-        finer._solve()
+        finer.space, finer.goal, finer._cache, finer._first = self.space, self.goal, self._cache, resolution
+        finer.options, finer._refinement, finer._depth = self.options, 1, self._depth + 1
+        finer._solve(estimated=False)
         return finer
 
 
-def _solved(
-    space: ConfigurationSpace, frame: FloatArray
-) -> tuple[npt.NDArray[np.float32], npt.NDArray[np.uint8]]:
-    links, kinds = grid.free_vertices(space.geometry, frame)
-    claims = grid.certify_links(space.geometry, frame, links, kinds)
-    grid.round_boundary(frame, links, claims, np.flatnonzero(claims))
-    seeds, values = grid.seed_goal(space.geometry, frame, links)
-    nt = int(frame[grid.COUNT_THETA])
-    spacing = frame[grid.STEP_X : grid.STEP_X + 3] * [1.0, 1.0, frame[grid.WEIGHT]]
-    stride = (int(frame[grid.COUNT_Y]) + 2 * PAD) * nt
-    return march(links, stride, nt, spacing, seeds, values), links
+@dataclass(frozen=True, eq=False)
+class _Grid:
+    """A grid with its certified links, before a wave has run over it."""
+
+    frame: FloatArray
+    links: npt.NDArray[np.uint8]
+
+    @classmethod
+    def of(cls, space: ConfigurationSpace, frame: FloatArray) -> _Grid:
+        """The grid of a space."""
+        links, denied = grid.draw_obstacles(space.geometry, frame)
+        claims = grid.certify_links(space.geometry, frame, links, denied)
+        grid.round_boundary(frame, links, claims, np.flatnonzero(claims))
+        return cls(frame, links)
+
+    @property
+    def layout(self) -> tuple[int, int]:
+        """Vertices in a column, and angles."""
+        nt = int(self.frame[grid.COUNT_THETA])
+        return (int(self.frame[grid.COUNT_Y]) + 2 * PAD) * nt, nt
+
+    @property
+    def spacing(self) -> FloatArray:
+        """(3,) lengths of a link along each axis."""
+        lengths: FloatArray = self.frame[grid.STEP_X : grid.STEP_X + 3] * [1.0, 1.0, self.frame[grid.WEIGHT]]
+        return lengths
+
+
+def _solved(space: ConfigurationSpace, frame: FloatArray) -> OracleState:
+    """The field over a grid, with what comes through narrow passages."""
+    work = _Grid.of(space, frame)
+    seeds, values = grid.seed_goal(space.geometry, frame, work.links)
+    field = march(work.links, *work.layout, work.spacing, seeds, values)
+    roadmap = passages(
+        space, grid.inradius(space.geometry), float(frame[grid.STEP_X : grid.STEP_X + 2].max())
+    )
+    if not len(roadmap.nodes):
+        return field, work.links, frame, space.geometry
+    nodes, vertices, lengths = _attached(space, work, roadmap.nodes)
+    for _ in range(_ROUNDS):
+        known = np.full(len(roadmap.nodes), np.inf)
+        np.minimum.at(known, nodes, field[vertices] + lengths)
+        offered = roadmap.spread(known)[nodes] + lengths
+        gained = offered < field[vertices] * (1.0 - _GAIN)
+        if not gained.any():
+            break
+        _offer(work, field, vertices[gained], offered[gained])
+    return field, work.links, frame, space.geometry
+
+
+def _offer(
+    work: _Grid, field: npt.NDArray[np.float32], vertices: npt.NDArray[np.int64], values: FloatArray
+) -> None:
+    """Have vertices, each of which may be named often, take the least of the values if that is less."""
+    order = np.lexsort((values, vertices))
+    chances, first = np.unique(vertices[order], return_index=True)
+    improve(work.links, *work.layout, work.spacing, field, chances, values[order[first]])
+
+
+def _attached(
+    space: ConfigurationSpace, work: _Grid, poses: FloatArray, ahead: int = 0
+) -> tuple[npt.NDArray[np.int64], npt.NDArray[np.int64], FloatArray]:
+    """Certified motions between poses (n, d) and the vertices of their cells: numbers of both, lengths.
+
+    With ``ahead``, also between each of so many poses that follow and the vertices of a pose's cell.
+    """
+    d, frame = space.dimension, work.frame
+    stride, nt = work.layout
+    origin, step = np.append(frame[:2], 0.0)[:d], frame[grid.STEP_X : grid.STEP_X + d]
+    counts = frame[grid.COUNT_X : grid.COUNT_X + d].astype(np.int64)
+    corners = np.array(np.meshgrid(*[[0, 1]] * d, indexing="ij")).reshape(d, -1).T
+    cells = (np.floor((poses - origin) / step).astype(np.int64)[:, None] + corners).reshape(-1, d)
+    if d == 3:
+        cells[:, 2] %= nt
+    number = np.repeat(np.arange(len(poses)), len(corners))
+    inside = ((cells >= 0) & (cells < counts)).all(axis=1)
+    vertices = (cells[:, 0] + PAD) * stride + (cells[:, 1] + PAD) * nt + (cells[:, 2] if d == 3 else 0)
+    inside[inside] = (work.links[vertices[inside]] & grid.VALID) > 0
+    number, vertices, cells = number[inside], vertices[inside], cells[inside]
+    ends = space.wrap(origin + cells * step)
+    if ahead:
+        number = (number[:, None] + np.arange(ahead + 1)).ravel()
+        vertices, ends = np.repeat(vertices, ahead + 1), np.repeat(ends, ahead + 1, axis=0)
+        there = number < len(poses)
+        number, vertices, ends = number[there], vertices[there], ends[there]
+    free = np.asarray(space.motions_free(poses[number], ends))
+    number, vertices, ends = number[free], vertices[free], ends[free]
+    return number, vertices, np.atleast_1d(space.distance(poses[number], ends))
+
+
+def grid_joins(
+    space: ConfigurationSpace, start: FloatArray, goal: FloatArray, resolution: tuple[int, ...]
+) -> bool:
+    """Whether a plain grid joins two free poses: nothing but its certified links is looked at, no wave runs.
+
+    Distributions that keep only problems with a path decide by it, so that their problems stay the same
+    whatever becomes of the oracle.
+    """
+    frame = _frame(space, goal, resolution)
+    work = _Grid.of(space, frame)
+    seeds, _ = grid.seed_goal(space.geometry, frame, work.links)
+    field = flood(work.links, *work.layout, seeds)
+    return math.isfinite(cost_to_go_one(start, (field, work.links, frame, space.geometry)))
+
+
+def _free_poses(space: ConfigurationSpace) -> FloatArray:
+    """Some free poses (n, d), the same for every oracle of a space; none where hardly a pose is free."""
+    rng, found = np.random.default_rng(0), np.empty((0, space.dimension))
+    for _ in range(32):
+        poses = space.sample(rng, _POSES)
+        found = np.concatenate([found, poses[space.valid(poses)]])
+        if len(found) >= _POSES:
+            break
+    return found[:_POSES]
+
+
+def _scaled(resolution: tuple[int, ...], factor: float, budget: int) -> tuple[int, ...] | None:
+    """The resolution times a factor, or as much of it as the budget allows; None for less than 1.15 times."""
+    factor = min(factor, (budget / math.prod(resolution)) ** (1.0 / len(resolution)))
+    if factor < 1.15:
+        return None
+    finer = [int(n * factor) for n in resolution]
+    if len(finer) == 3:
+        finer[2] = max(resolution[2], 4 * (finer[2] // 4))
+    return tuple(finer)
+
+
+_warned = threading.Event()
+
+
+def _warn_of(oracle: Oracle) -> None:
+    """Say once per process that an oracle is less exact than was asked for."""
+    if not (_warned.is_set() or in_worker()):
+        _warned.set()
+        warn(
+            f"the oracle's estimated error is {oracle.error}, on a grid of "
+            f"{' x '.join(map(str, oracle.resolution))} poses: its budget of {oracle.options.budget:,} "
+            "vertices is spent. OracleOptions has a larger budget, or larger errors to ask for; Oracle.error "
+            "says the error of each problem."
+        )
 
 
 def _frame(space: ConfigurationSpace, goal: FloatArray, resolution: tuple[int, ...]) -> FloatArray:
@@ -235,9 +485,7 @@ def _frame(space: ConfigurationSpace, goal: FloatArray, resolution: tuple[int, .
     return frame
 
 
-def _checked_resolution(space: ConfigurationSpace, resolution: Sequence[int] | None) -> tuple[int, ...]:
-    if resolution is None:
-        return _default_resolution(space)
+def _checked(space: ConfigurationSpace, resolution: Sequence[int]) -> tuple[int, ...]:
     counts = tuple(int(n) for n in resolution)
     if len(counts) != space.dimension or min(counts) < 4:
         raise InvalidInputError(
@@ -246,16 +494,21 @@ def _checked_resolution(space: ConfigurationSpace, resolution: Sequence[int] | N
     return counts
 
 
-def _default_resolution(space: ConfigurationSpace) -> tuple[int, ...]:
-    """Square cells, and angles a little finer: what is hard to pass is mostly a matter of turning."""
+def _first_resolution(space: ConfigurationSpace, budget: int) -> tuple[int, ...]:
+    """Square cells, and angles a little finer: what is hard to pass is mostly a matter of turning.
+
+    A small workspace gets a certain number of vertices; a large one, links that are small beside the robot.
+    """
     sides = space.upper[:2] - space.lower[:2]
-    step = float(sides.min()) / (64 if space.dimension == 3 else 320)
+    step, most = float(sides.min()) / _SIDE[space.dimension], _FIRST[space.dimension]
+    if space.dimension == 3 and step > _LINK * space.robot.radius:
+        step, most = _LINK * space.robot.radius, budget
     while True:
         counts = [max(4, math.ceil(side / step)) for side in sides]
         if space.dimension == 3:
             angles = 2.0 * math.pi * space.robot.radius / (0.7 * step)
             counts.append(4 * min(max(math.ceil(angles / 4.0), 6), 16))
-        if math.prod(counts) <= _BUDGET[space.dimension]:
+        if math.prod(counts) <= min(most, budget):
             return tuple(counts)
         step *= 1.02
 
@@ -272,11 +525,14 @@ def _valid_configuration(space: ConfigurationSpace, q: Configurations, what: str
 
 
 _lock = threading.Lock()
-_remembered: OrderedDict[tuple[str, bytes, bytes | None], Oracle] = OrderedDict()
+_remembered: OrderedDict[tuple[object, ...], Oracle] = OrderedDict()
 
 
 def oracle_for(
-    space: ConfigurationSpace, goal: Configurations, start: Configurations | None = None
+    space: ConfigurationSpace,
+    goal: Configurations,
+    start: Configurations | None = None,
+    options: OracleOptions | None = None,
 ) -> Oracle:
     """The oracle for a goal: from memory, else from the disk cache, else solved.
 
@@ -284,32 +540,36 @@ def oracle_for(
         InvalidInputError: As `Oracle`.
         NoPathError: As `Oracle`, if a start is given.
     """
-    key = _memory_key(space, goal, start)
+    key = _memory_key(space, goal, start, options)
     with _lock:
         if key in _remembered:
             _remembered.move_to_end(key)
             return _remembered[key]
-    oracle = Oracle(space, goal, start=start)
+    oracle = Oracle(space, goal, start=start, options=options)
     remember(oracle, start)
     return oracle
 
 
 def remember(oracle: Oracle, start: Configurations | None = None) -> None:
-    """Have `oracle_for` find this oracle in memory, for its goal and a start that it connects.
+    """Have `oracle_for` find this oracle in memory, for its goal, its options and a start that it connects.
 
     For oracles that were solved elsewhere, like in another process; the least recently used are forgotten.
     """
     with _lock:
-        _remembered[_memory_key(oracle.space, oracle.goal, start)] = oracle
+        _remembered[_memory_key(oracle.space, oracle.goal, start, oracle.options)] = oracle
         while len(_remembered) > _REMEMBERED:
             _remembered.popitem(last=False)
 
 
 def _memory_key(
-    space: ConfigurationSpace, goal: Configurations, start: Configurations | None
-) -> tuple[str, bytes, bytes | None]:
+    space: ConfigurationSpace,
+    goal: Configurations,
+    start: Configurations | None,
+    options: OracleOptions | None,
+) -> tuple[object, ...]:
     return (
         space.fingerprint(),
         np.asarray(goal, dtype=np.float64).tobytes(),
         None if start is None else np.asarray(start, dtype=np.float64).tobytes(),
+        DEFAULT_ORACLE if options is None else options,
     )

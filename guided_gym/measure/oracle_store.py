@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import math
 import os
 import struct
 import tempfile
@@ -25,7 +26,8 @@ ENVIRONMENT_VARIABLE = "GUIDED_GYM_CACHE"
 MAX_BYTES = 512 * 2**20
 """Size above which the files used longest ago are removed."""
 
-_HEADER = struct.Struct("<16s64sQI36x")  # magic, key, vertices, checksum; 128 bytes keep the arrays aligned
+# magic, key, vertices, checksum, error (mean, tail); 128 bytes keep the arrays aligned
+_HEADER = struct.Struct("<16s64sQI4xdd16x")
 _MAGIC = b"guided-gym field"
 _SUFFIX = ".field"
 
@@ -65,8 +67,8 @@ class FieldStore:
         except OSError as error:
             return error
 
-    def load(self, key: str, size: int) -> tuple[FieldArray, LinkArray] | None:
-        """The field and links (size,) stored under a key (64 hex digits), or None."""
+    def load(self, key: str, size: int) -> tuple[FieldArray, LinkArray, tuple[float, float]] | None:
+        """The field and links (size,) stored under a key (64 hex digits), and their error; or None."""
         if self.folder is None:
             return None
         path = self._path(key)
@@ -84,23 +86,21 @@ class FieldStore:
             _warn_once(self.folder, error)
             return None
         body = content[_HEADER.size :]
-        if _HEADER.unpack(content[: _HEADER.size].tobytes()) != (
-            _MAGIC,
-            key.encode(),
-            size,
-            zlib.crc32(body.data),
-        ):
+        *head, checksum, mean, tail = _HEADER.unpack(content[: _HEADER.size].tobytes())
+        if head != [_MAGIC, key.encode(), size] or checksum != _checksum(body.data, (mean, tail)):
             return None
         with contextlib.suppress(OSError):
             os.utime(path)
-        return body[: 4 * size].view(np.float32), body[4 * size :]
+        return body[: 4 * size].view(np.float32), body[4 * size :], (mean, tail)
 
-    def save(self, key: str, field: FieldArray, links: LinkArray) -> None:
-        """Store a field and its links under a key; failing to is no error."""
+    def save(
+        self, key: str, field: FieldArray, links: LinkArray, error: tuple[float, float] = (math.nan, math.nan)
+    ) -> None:
+        """Store a field, its links and its error (mean, tail) under a key; failing to is no error."""
         if self.folder is None:
             return
         body = field.astype("<f4").tobytes() + links.tobytes()
-        header = _HEADER.pack(_MAGIC, key.encode(), field.size, zlib.crc32(body))
+        header = _HEADER.pack(_MAGIC, key.encode(), field.size, _checksum(body, error), *error)
         temporary = None
         try:
             self.folder.mkdir(parents=True, exist_ok=True)
@@ -140,6 +140,10 @@ class FieldStore:
             total -= size
             if total <= 0.9 * self._max_bytes:
                 return
+
+
+def _checksum(body: bytes | memoryview, error: tuple[float, float]) -> int:
+    return zlib.crc32(struct.pack("<dd", *error), zlib.crc32(body))
 
 
 _warned = threading.Event()

@@ -237,7 +237,8 @@ class Measure:
 
     def __init__(self, search: Measured, parameters: TargetParameters | None = None) -> None:
         problem = search.problem
-        self.oracle = oracle_for(problem.space, problem.task.goal, start=problem.task.start)
+        task, options = problem.task, search.options
+        self.oracle = oracle_for(problem.space, task.goal, start=task.start, options=options.oracle)
         self.parameters = search.options.target if parameters is None else parameters
         self._tree = search.tree
         self._tau = np.zeros(256)

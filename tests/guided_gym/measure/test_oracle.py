@@ -183,11 +183,35 @@ def test_a_start_that_cannot_reach_the_goal_is_refused():
         Oracle(space, (9, 5, 0), start=(1, 5, 0))
 
 
-def test_a_passage_too_narrow_for_the_first_grid_is_found_on_a_finer_one():
+def test_a_passage_too_narrow_for_the_first_grid_is_found_on_a_finer_one(monkeypatch):
+    monkeypatch.setattr(oracle_module, "_ROUNDS", 0)  # or it would be found between the two walls
     space = point_space(*wall(5.02, width=0.03))
     assert Oracle(space, (9, 5), resolution=(40, 40)).resolution == (40, 40)
     oracle = Oracle(space, (9, 5), start=(1, 5), resolution=(80, 80))
     assert oracle.resolution > (80, 80)
+    assert oracle.cost_to_go((1.0, 5.0)) == pytest.approx(8.0, rel=5e-3)
+
+
+@pytest.mark.parametrize("sides", [3, 40, 4000])
+@pytest.mark.parametrize("dimension", [2, 3])
+def test_obstacles_and_robots_may_have_any_number_of_sides(sides, dimension):
+    angles = 2.0 * np.pi * np.arange(sides) / sides
+    ring = np.column_stack([np.cos(angles), np.sin(angles)])
+    robot = Robot(shapely.Polygon(0.3 * ring[:: max(1, sides // 40)]), dimension=dimension)
+    space = ConfigurationSpace(robot, Environment(BOUNDS, (shapely.Polygon([5, 5] + 2.0 * ring),)))
+    goal, start = np.array([9.0, 5.0, 0.0])[:dimension], np.array([1.0, 5.0, 0.0])[:dimension]
+    oracle = Oracle(space, goal, start=start, resolution=(48, 48, 24)[:dimension])
+    poses = np.stack(np.meshgrid(*oracle.axes, indexing="ij"), axis=-1).reshape(-1, dimension)
+    np.testing.assert_array_equal(np.isfinite(oracle.field).ravel(), space.valid(poses))
+    if sides >= 40:  # round a disc of 2.3: two tangents and the arc between
+        tangent, turned = math.sqrt(16 - 2.3**2), math.pi - 2.0 * math.acos(2.3 / 4)
+        assert oracle.cost_to_go(start) == pytest.approx(2 * tangent + 2.3 * turned, rel=0.02)
+
+
+def test_a_passage_between_two_walls_is_found_whatever_the_grid():
+    space = point_space(*wall(5.02, width=0.03))
+    oracle = Oracle(space, (9, 5), start=(1, 5), resolution=(80, 80))
+    assert oracle.resolution == (80, 80)
     assert oracle.cost_to_go((1.0, 5.0)) == pytest.approx(8.0, rel=5e-3)
 
 

@@ -29,7 +29,7 @@ def may_warn_again():
 
 
 def assert_stored(store, key=KEY):
-    field, links = store.load(key, 1000)
+    field, links, _ = store.load(key, 1000)
     np.testing.assert_array_equal(field, FIELD)
     np.testing.assert_array_equal(links, LINKS)
     assert field.flags.carray
