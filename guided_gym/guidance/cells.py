@@ -74,17 +74,21 @@ class Voronoi(GuidingSpace):
         self._cells: _Cells | None = None
 
     def _draw(self) -> NDArray[np.float64]:
-        """The next uniform sample; drawn in blocks, since one at a time is dear."""
-        if self.goal_bias and self.rng.random() < self.goal_bias:
-            return self.goal
-        if self._next == len(self._buffer):
-            self._buffer, self._next = self.space.sample(self.rng, _BLOCK), 0
+        """The next sample of C."""
+        self._fill()
         self._next += 1
         sample: NDArray[np.float64] = self._buffer[self._next - 1]
         return sample
 
+    def _fill(self) -> None:
+        """Draw another block of samples, goals among them, where the last is used up; one by one is dear."""
+        if self._next == len(self._buffer):
+            self._buffer, self._next = self.space.sample(self.rng, _BLOCK), 0
+            if self.goal_bias:
+                self._buffer[self.rng.random(_BLOCK) < self.goal_bias] = self.goal
+
     def select(self, tree: SearchTree) -> int:
-        """The node nearest to a uniform sample of C."""
+        """The node nearest to a sample of C."""
         self._sample = self._draw()
         self._selected = tree.nearest(self._sample)
         return self._selected
@@ -100,14 +104,13 @@ class Voronoi(GuidingSpace):
         return self.planner.steer(tree.nodes.configurations[node], self._sample)
 
     def burst(self, limit: int) -> NDArray[np.int32] | None:
-        """RRT's loop, compiled; only without a goal bias, and while nobody else listens to the search.
+        """RRT's loop, compiled, while nobody else listens to the search.
 
         Not for subclasses: they may select or propose otherwise.
         """
-        if type(self) is not Voronoi or self.goal_bias or self.search.listeners != [self]:
+        if type(self) is not Voronoi or self.search.listeners != [self]:
             return None
-        if self._next == len(self._buffer):
-            self._buffer, self._next = self.space.sample(self.rng, _BLOCK), 0
+        self._fill()
         samples = self._buffer[self._next : self._next + limit]
         rows = self.search.extend_towards(samples)
         self._next += len(rows)

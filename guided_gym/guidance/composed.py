@@ -195,11 +195,14 @@ class Composed(GuidingSpace):
         ):
             return self.goal.copy()
         candidates = self.planner.candidates(q, self.candidates)
-        best: Floats = candidates[np.argmin(self._of(self.project(tree, candidates)))]
+        h = self._checked(self.heuristic(self.project(tree, candidates)), len(candidates))
+        plausible = getattr(self.solver, "plausible", None)
+        if plausible is not None:
+            self.costs(tree)  # the solver has seen the node
+            likely = plausible(node, self.space.distance(candidates, q))
+            h = np.where(likely, h, np.inf) if np.isfinite(h[likely]).any() else h
+        best: Floats = candidates[np.argmin(h)]
         return best
-
-    def _of(self, states: Floats) -> Floats:
-        return self._checked(self.heuristic(states), len(states))
 
     def feedback(self, expansion: Expansion) -> None:
         """Teach the solver what a failure means, or have it begin anew in another E'."""

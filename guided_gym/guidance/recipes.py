@@ -101,10 +101,6 @@ RECIPES: Final[dict[str, Callable[..., GuidingSpace]]] = {
         factor=1.2,
         expansion_penalty=1.0,
     ),
-    "wavefront": recipe(
-        Wave,
-        "S = C on a coarse grid of poses: when a wave from the goal arrives, slow where there is no room.",
-    ),
     "path_database": recipe(
         StoredPaths,
         "Stored paths of similar tasks (Lightning refactored); RRT while no node sees one.",
@@ -112,5 +108,9 @@ RECIPES: Final[dict[str, Callable[..., GuidingSpace]]] = {
         factor=float("inf"),
         check=2.5,
         reach=0.1,
+    ),
+    "wavefront": recipe(
+        Wave,
+        "S = C on a coarse grid of poses: when a wave from the goal arrives, slow where there is no room.",
     ),
 }

@@ -211,7 +211,7 @@ def test_renderer__without_pygame_names_the_extra(monkeypatch):
     for name in [name for name in sys.modules if name.partition(".")[0] == "pygame"]:
         monkeypatch.delitem(sys.modules, name)
     monkeypatch.setattr(builtins, "__import__", missing)
-    with pytest.raises(GuidedGymError, match=r"guided-gym\[render\]"):
+    with pytest.raises(GuidedGymError, match=r"\.\[render\]"):
         Renderer()
 
 

@@ -226,9 +226,9 @@ def test_database__build_and_info(tmp_path: Path) -> None:
 def test_import__registers_names_of_ones_own(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     (tmp_path / "my_guidance.py").write_text(
         "from guided_gym import register_guidance\n"
-        "from guided_gym.guidance.cells import GoalDistance\n"
+        "from guided_gym.guidance.cells import Uninformed\n"
         "@register_guidance\n"
-        "class Mine(GoalDistance):\n"
+        "class Mine(Uninformed):\n"
         "    name = 'mine'\n"
     )
     monkeypatch.chdir(tmp_path)

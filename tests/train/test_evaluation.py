@@ -355,7 +355,10 @@ class Blemished(ProblemList):
         )
 
 
-def test_problems_that_are_no_use__are_skipped_counted_and_named(tmp_path: Path) -> None:
+def test_problems_that_are_no_use__are_skipped_counted_and_named(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(table, "_CATALOGUE", dict(table._CATALOGUE))  # gone after this test
     register_distribution("Blemished", Blemished, replace=True)
     for _ in range(2):  # the second time, from the file
         results = evaluate("Blemished", ["rrt", "goal_distance"], seeds=4, settings=SHORT, out=tmp_path)

@@ -38,6 +38,8 @@ _NEAR_GOAL: Final = 2  # cells around the goal where the wave may begin
 _SURE_PARTS: Final = 32  # poses along a motion to the goal
 _FINER: Final = 3  # grids that are tried, each about 3/2 times as fine as the one before
 _LEAST: Final = 1e-6  # cells; a value of 0 would have no sign
+_ROUGH: Final = 1.1  # lengths: the grid is no more exact than that
+_SLOWEST: Final = 1e3  # times that failures may slow down a pose
 _KEPT: Final = 8  # problems whose fields are kept
 _KEPT_GRIDS: Final = 4  # grids that are kept for other tasks in the same space
 _RUNS_A_RAISE: Final = 4  # runs over poses that turn, after each so many of which one more rise has to come
@@ -368,7 +370,7 @@ class Wave:
         self.looks = self._grid.looks(frame)
         self._free = logits > 0
         self._sources = self._grid.beginnings(frame)
-        self._arrival = np.abs(self._field.values)
+        self._arrival = self._first = np.abs(self._field.values)  # now, and before anything was raised
         self._slowness = self.model.slowness(self._grid, logits)
         self._effort = np.ones_like(self._slowness)  # how many times slower poses have become
         self._waiting = self._runs = 0  # raised since the last run, and runs since the beginning
@@ -379,7 +381,22 @@ class Wave:
     def __call__(self, states: FloatArray) -> FloatArray:
         """(n, d') states to (n,) cost-to-go (length); infinite in collision and where all is forbidden."""
         self._run_again()
-        return fields.joined_values(self._join(states), self._arrival, self._effort)
+        self._asked = self._join(states)
+        return fields.joined_values(self._asked, self._arrival, self._effort)
+
+    def plausible(self, node: int, lengths: FloatArray) -> NDArray[np.bool_]:
+        """Which of the states asked for last a free motion from a node can reach.
+
+        No free motion brings the goal nearer than by its length: what seems to lies behind a wall.
+
+        Args:
+            node: The node, among those that `follow` has seen.
+            lengths: (n,) length of the motion to each.
+        """
+        even = np.ones_like(self._effort)
+        here = fields.Joined(*(part[node : node + 1] for part in self._joined))
+        ways = [fields.joined_values(some, self._first, even) for some in (here, self._asked)]
+        return np.asarray(ways[1] >= ways[0][0] - _ROUGH * lengths)
 
     def follow(self, states: FloatArray) -> FloatArray:
         """(n,) cost-to-go of the nodes; all of them anew once the wave has run again."""
@@ -409,10 +426,15 @@ class Wave:
         return values
 
     def raise_near(self, state: FloatArray, reach: float, factor: float) -> None:
-        """Make the poses within ``reach``, and the nearest in any case, ``factor`` times slower."""
+        """Make the poses within ``reach``, and the nearest in any case, ``factor`` times slower.
+
+        Up to `_SLOWEST` times: a wave through what is slower yet would take for ever.
+        """
         q = np.ascontiguousarray(state)
         for factors in (self._slowness, self._effort):
             fields.multiply_near(factors, q, self._field.frame, reach, factor)
+            if np.isfinite(factor):
+                np.minimum(factors, np.float32(_SLOWEST), out=factors, where=np.isfinite(factors))
         self._waiting += 1
 
     def inspect(self, state: FloatArray, reach: float, valid: Valid) -> None:

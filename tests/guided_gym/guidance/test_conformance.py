@@ -215,6 +215,21 @@ def test_voronoi__draws_about_from_its_estimate(walled: Walled) -> None:
     assert p[search.tree.nearest(search.goal)] > 0.2
 
 
+def test_voronoi__with_a_goal_bias_grows_the_same_tree_in_bursts_and_by_single_samples(
+    walled: Walled,
+) -> None:
+    problem = walled("rectangle")
+    trees = []
+    for distributions in (False, True):  # the whole distribution is asked for sample by sample
+        guidance = make_guidance("rrt", goal_bias=0.3)
+        result = guided_search(problem, guidance, seed=4, max_samples=150, distributions=distributions)
+        trees.append(result.tree)
+    assert np.array_equal(trees[0].configurations, trees[1].configurations)
+    assert np.array_equal(trees[0].failed_targets, trees[1].failed_targets)
+    plain = guided_search(problem, "rrt", seed=4, max_samples=150, measure=False).tree
+    assert not np.array_equal(plain.configurations[:20], trees[0].configurations[:20])
+
+
 @pytest.mark.parametrize("name", SPACES)
 @pytest.mark.parametrize("robot", ["point", "rectangle"])
 def test_failures__teach(walled: Walled, make: Make, name: str, robot: str) -> None:

@@ -132,7 +132,7 @@ def test_open__refuses_newer_formats_and_broken_headers(file: Path) -> None:
     with pytest.raises(StorageError, match="damaged"):
         PathDatabase.open(file)
     _execute(file, "PRAGMA user_version = 99")
-    with pytest.raises(StorageError, match=r"version 1 .*, got 99"):
+    with pytest.raises(StorageError, match=r"version 1 .*, got version 99"):
         PathDatabase.open(file)
 
 

@@ -67,7 +67,7 @@ def begun(agent_folder: Path, samples: int, **options: object) -> tuple[Search, 
 
 
 def test_columns_grown_step_by_step_are_those_of_the_whole_tree(agent_folder: Path) -> None:
-    search, guidance = begun(agent_folder, 800, patience=10**6)  # the wave of the fresh one has run once
+    search, guidance = begun(agent_folder, 800)
     grown = guidance.columns(search.tree)
     fresh = LearnedGuidance(agent_folder)
     fresh.reset(search)

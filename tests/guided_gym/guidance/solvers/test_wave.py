@@ -74,40 +74,12 @@ def test_the_room_of_a_robot_says_where_it_is_free() -> None:
     assert agree.mean() > 0.99
 
 
-@pytest.mark.parametrize("name", ["TrapCup", "Cup", "fork", "point"])
-def test_least_room__agrees_with_exact_validity(name: str, walled: Callable[[str], Problem]) -> None:
-    if name == "fork":
-        post = Environment((0, 0, 10, 10), (shapely.box(4, 3.3, 6, 5.3), shapely.box(7, 0, 7.5, 3)))
-        problem = Problem(FORK, post, Task((2.5, 7.5, 0), (7, 7.5, 0)))
-    else:
-        problem = walled(name) if name == "point" else make_distribution(name).problem(0)
-    grid = PoseGrid.of(problem.space, 56, 16)
-    q, start = poses(problem, 4000), problem.task.start
-    room = fields.least_room(start, q, grid.distances, grid.body, grid.frame, 1)  # of the ends alone
-    assert ((room > 0) == problem.space.valid(q)).mean() > 0.99
-
-
 def test_the_room_of_a_fork_astride_a_post() -> None:
     """Its reference point lies deep in the post, and it is free."""
     environment = Environment((0, 0, 10, 10), (shapely.box(4.3, 0, 5.7, 6),))
     problem = Problem(FORK, environment, Task((5, 6, np.pi), (5, 7.5, np.pi)))
     grid = PoseGrid.of(problem.space, 56, 16)
     assert grid.room[30, 27, 8] > 1.0 > -1.0 > grid.room[30, 27, 0]
-
-
-def test_least_room__along_motions_is_positive_where_they_are_free() -> None:
-    space = (problem := make_distribution("TrapCup").problem(0)).space
-    grid = PoseGrid.of(space, 56, 16)
-    rng = np.random.default_rng(0)
-    agree = []
-    for q in poses(problem, 400):
-        if not space.valid(q):
-            continue
-        ends = space.wrap(q + rng.normal(size=(8, 3)) * [0.4, 0.4, 0.3])
-        room = grid.least_room(q, ends)
-        agree += [(r > 0) == space.motion_free(q, end) for r, end in zip(room, ends, strict=True)]
-    assert len(agree) > 500
-    assert np.mean(agree) > 0.97
 
 
 @pytest.mark.parametrize("name", ["SimplePassage", "walled point"])
@@ -239,24 +211,6 @@ def test_effort__is_no_more_than_a_blocked_pose_takes() -> None:
     slowness = model.slowness(grid, model.free(grid), np.full(grid.room.shape, 1e6, np.float32))
     assert slowness.dtype == np.float32
     assert (slowness == 20.0).all()
-
-
-def test_effort__sends_the_wave_another_way() -> None:
-    """Two gaps; the near one has been tried in vain."""
-    walls = [shapely.box(0.45, a, 0.55, b) for a, b in ((0.0, 0.1), (0.2, 0.5), (0.7, 1.0))]
-    problem = Problem(Robot.point(), Environment((0, 0, 1, 1), tuple(walls)), Task((0.2, 0.6), (0.8, 0.6)))
-    model = WaveModel(24, 8)
-    grid, field = model.solve(problem)
-    effort = np.ones(grid.room.shape, np.float32)
-    fields.add_effort(effort, np.array([[0.5, 0.6]] * 6), grid.frame, 2 / 24, 10.0)
-    again = model.evaluate(grid, problem.task.goal, effort)
-    up, down = np.array([[0.4, 0.6]]), np.array([[0.4, 0.15]])
-    assert field.cost_to_go(up)[0] < field.cost_to_go(down)[0]
-    assert (
-        again.cost_to_go(up)[0]
-        > again.cost_to_go(down)[0]
-        == pytest.approx(field.cost_to_go(down)[0], rel=0.2)
-    )
 
 
 def disc(radius: float) -> Robot:
