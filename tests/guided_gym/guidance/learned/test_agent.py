@@ -13,6 +13,7 @@ from guided_gym.agents.scripted import make_agent, rollout
 from guided_gym.catalogue.table import make_distribution
 from guided_gym.envs.guided_search_env import GuidedSearchEnv
 from guided_gym.errors import InvalidInputError, UnknownNameError
+from guided_gym.guidance.composed import Lesson
 from guided_gym.guidance.hybrid import Hybrid
 from guided_gym.guidance.learned.agent import LearnedGuidance, fingerprint, load_named, shipped_agents
 from guided_gym.guidance.learned.scorer import ScorerColumn
@@ -52,11 +53,15 @@ def test_is_evaluated_like_any_other(agent_folder: Path) -> None:
     assert all(run.solved for run in results.runs)
 
 
-def begun(agent_folder: Path, samples: int, **options: object) -> tuple[Search, LearnedGuidance]:
+def begun(
+    agent_folder: Path, samples: int, taught: bool = True, **options: object
+) -> tuple[Search, LearnedGuidance]:
     problem = make_distribution("Trap").problem(0)
     _, expansion, choice = streams(0)
     search = Search(problem, expansion, choice)
     guidance = LearnedGuidance(agent_folder, **options)  # type: ignore[arg-type]
+    if not taught:
+        guidance.lesson = Lesson(factor=1.0)
     search.attach(guidance)
     steps = np.random.default_rng(0)
     for _ in range(samples):
@@ -67,7 +72,7 @@ def begun(agent_folder: Path, samples: int, **options: object) -> tuple[Search, 
 
 
 def test_columns_grown_step_by_step_are_those_of_the_whole_tree(agent_folder: Path) -> None:
-    search, guidance = begun(agent_folder, 800)
+    search, guidance = begun(agent_folder, 800, taught=False)  # the fresh one hears of no failure
     grown = guidance.columns(search.tree)
     fresh = LearnedGuidance(agent_folder)
     fresh.reset(search)
