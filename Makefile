@@ -34,7 +34,8 @@ run: $(RUN)/.installed ## Compare guidances on TrapCup: a table, and figures in 
 test: lint types ## Check everything, as CI does: style, types, tests and docs, against the built wheel
 	@$(call elsewhere,MPLBACKEND=Agg SDL_VIDEODRIVER=dummy GUIDED_GYM_CACHE="$$away/cache" \
 		"$(CURDIR)/$(TEST)/bin/python" -m pytest "$(CURDIR)/tests" --rootdir "$(CURDIR)" \
-		-c "$(CURDIR)/pyproject.toml" --import-mode=importlib -p no:cacheprovider $(PYTEST_ARGS))
+		-c "$(CURDIR)/pyproject.toml" --import-mode=importlib -p no:cacheprovider \
+		--numprocesses auto $(PYTEST_ARGS))
 
 lint: $(TEST)/.dependencies ## Check style and formatting (ruff)
 	@$(TEST)/bin/ruff check .
