@@ -394,7 +394,8 @@ class Wave:
             lengths: (n,) length of the motion to each.
         """
         even = np.ones_like(self._effort)
-        here = fields.Joined(*(part[node : node + 1] for part in self._joined))
+        row, (places, shares, lines) = slice(node, node + 1), self._joined
+        here = fields.Joined(places[row], shares[row], lines[row])
         ways = [fields.joined_values(some, self._first, even) for some in (here, self._asked)]
         return np.asarray(ways[1] >= ways[0][0] - _ROUGH * lengths)
 
