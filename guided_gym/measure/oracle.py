@@ -11,7 +11,7 @@ import threading
 from collections import OrderedDict
 from collections.abc import Sequence
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cached_property, partial
 from typing import NamedTuple
 
 import numpy as np
@@ -25,7 +25,7 @@ from guided_gym.kernels.cost_query import OracleState, cost_to_go_many, cost_to_
 from guided_gym.kernels.eikonal import PAD, flood, improve, march
 from guided_gym.measure.certified import descent, divided, lengths_left
 from guided_gym.measure.oracle_store import FieldStore
-from guided_gym.measure.passages import passages
+from guided_gym.measure.passages import any_narrow, passages
 from guided_gym.options import DEFAULT_ORACLE, OracleOptions
 
 FloatArray = npt.NDArray[np.float64]
@@ -52,6 +52,8 @@ _TRUST = 0.7
 """Error of a grid as a part of its difference from one of half the resolution, see docs/oracle.md."""
 _ROUNDS = 4
 """Waves after the first one, each of which may come through more narrow passages."""
+_STRIDES = (1.0, 0.5, 0.25)
+"""Steps of the descents from a start, in links; the first one alone where no gap is narrow."""
 _LOOK_AHEAD = 6
 """Waypoints of a certified path, a link apart, that the vertices beside it are joined to."""
 _GAIN = 0.005
@@ -293,20 +295,22 @@ class Oracle:
         return self._refinement < _FINEST[self.space.dimension] and vertices <= self.options.budget
 
     def _tighten(self, start: FloatArray) -> None:
-        """Find a path from the start; where it is shorter than the field says, correct the field by it."""
-        state, space = self.state, self.space
-        link = float((state[2][grid.STEP_X : grid.STEP_X + space.dimension] * space.weights).max())
-        path = descent(space, lambda q: cost_to_go_many(q, state), start, self.goal, link)
-        if path is None or lengths_left(space, path)[0] > (1.0 - _GAIN) * cost_to_go_one(start, state):
-            return
-        path = divided(space, path, link)
-        left = lengths_left(space, path)
-        work = _Grid(state[2], state[1])
-        field = state[0].copy()  # what was loaded is not ours to change
-        numbers, vertices, lengths = _attached(space, work, path, _LOOK_AHEAD)
-        offered = left[numbers] + lengths
-        _offer(work, field, vertices, offered)
-        self.state = (field, *state[1:])
+        """Find paths from the start; where one is shorter than the field says, correct the field by it."""
+        space, frame = self.space, self.state[2]
+        link = float((frame[grid.STEP_X : grid.STEP_X + space.dimension] * space.weights).max())
+        strides = _STRIDES if any_narrow(space, *_narrow(space, frame)) else _STRIDES[:1]
+        for part in strides:  # each comes down another way, and the later ones on what the earlier found
+            state = self.state
+            path = descent(space, partial(_read, state), start, self.goal, part * link)
+            if path is None or lengths_left(space, path)[0] > (1.0 - _GAIN) * cost_to_go_one(start, state):
+                continue
+            path = divided(space, path, link)
+            left = lengths_left(space, path)
+            field = state[0].copy()  # what was loaded is not ours to change
+            work = _Grid(frame, state[1])
+            numbers, vertices, lengths = _attached(space, work, path, _LOOK_AHEAD)
+            _offer(work, field, vertices, left[numbers] + lengths)
+            self.state = (field, *state[1:])
 
     def _spacing(self) -> float:
         return float(self.state[2][grid.STEP_X : grid.STEP_X + 2].max())
@@ -352,14 +356,21 @@ class _Grid:
         return lengths
 
 
+def _narrow(space: ConfigurationSpace, frame: FloatArray) -> tuple[float, float]:
+    """What `passages` asks of robot and grid: the inradius, and the spacing."""
+    return float(grid.inradius(space.geometry)), float(frame[grid.STEP_X : grid.STEP_X + 2].max())
+
+
+def _read(state: OracleState, q: FloatArray) -> FloatArray:
+    return cost_to_go_many(q, state)
+
+
 def _solved(space: ConfigurationSpace, frame: FloatArray) -> OracleState:
     """The field over a grid, with what comes through narrow passages."""
     work = _Grid.of(space, frame)
     seeds, values = grid.seed_goal(space.geometry, frame, work.links)
     field = march(work.links, *work.layout, work.spacing, seeds, values)
-    roadmap = passages(
-        space, grid.inradius(space.geometry), float(frame[grid.STEP_X : grid.STEP_X + 2].max())
-    )
+    roadmap = passages(space, *_narrow(space, frame))
     if not len(roadmap.nodes):
         return field, work.links, frame, space.geometry
     nodes, vertices, lengths = _attached(space, work, roadmap.nodes)
