@@ -18,7 +18,7 @@ PIP_INSTALL := -m pip install --quiet --constraint constraints.txt
 METADATA := pyproject.toml constraints.txt
 # Folders too, so that a file that goes away counts as a change.
 SOURCES := $(shell find guided_gym envs agents train -name __pycache__ -prune \
-	-o \( -type d -o -name '*.py' -o -name py.typed \) -print)
+	-o \( -type d -o -name '*.py' -o -name py.typed -o -path '*/web/*' \) -print)
 
 # $(call elsewhere,COMMAND) runs it in an empty folder, where only the installed package can be imported.
 elsewhere = away=$$(mktemp -d) && trap 'rm -rf "$$away"' EXIT && cd "$$away" && $(1)

@@ -117,6 +117,7 @@ _HOMES: dict[str, tuple[str, ...]] = {
     "search.local_planner": ("LocalPlanner",),
     "search.search": ("Expansion", "Search"),
     "search.tree": ("SearchTree",),
+    "traces.reading": ("Trace", "read_trace"),
     "trajectories": (
         "Trajectory",
         "headings",
@@ -219,6 +220,7 @@ __all__ = [
     "StorageError",
     "TargetParameters",
     "Task",
+    "Trace",
     "Trajectory",
     "TreeObservation",
     "UnknownNameError",
@@ -247,6 +249,7 @@ __all__ = [
     "problem_seed",
     "read_map",
     "read_scenario",
+    "read_trace",
     "register_distribution",
     "register_environment",
     "register_guidance",

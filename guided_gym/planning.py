@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
+import contextlib
 import math
 import time
 from collections.abc import Callable
 from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
@@ -19,6 +22,9 @@ from guided_gym.problems import Problem
 from guided_gym.randomness import streams
 from guided_gym.search.search import NO_NODE, Expansion, Proposer, Search
 from guided_gym.search.tree import SearchTree
+
+if TYPE_CHECKING:
+    from guided_gym.traces.writing import TextSink, TraceWriter
 
 
 @dataclass(frozen=True)
@@ -120,6 +126,7 @@ def guided_search(
     measure: bool = True,
     distributions: bool = False,
     progress: Callable[[int], None] | None = None,
+    trace: str | Path | TextSink | None = None,
 ) -> SearchResult:
     """Guided search (paper, Algorithm 1), without Gymnasium.
 
@@ -134,10 +141,13 @@ def guided_search(
         measure: Whether to compute SE (asks the oracle).
         distributions: Whether to compute D_KL and D_JS of the whole distribution at each sample too.
         progress: Called with the number of samples so far.
+        trace: File in which to record the search, sample by sample, or anything with ``write`` that takes the
+            lines (docs/replay.md); the search stays the same.
 
     Raises:
         InvalidInputError: An argument of the wrong type, max_samples no positive integer, or the seed no
             integer >= 0.
+        StorageError: The trace cannot be written.
         NoPathError: ``measure`` is on and no path joins start and goal.
         UnknownNameError: No guiding space has that name.
     """
@@ -150,18 +160,20 @@ def guided_search(
     search.attach(guidance)
     propose = proposer(search, expansion)  # another guiding space has to be prepared, too
     preparation = time.perf_counter() - began
-    recorder = _Recorder(search, guidance, metric, distributions)
-    began, burnt = time.perf_counter(), time.process_time()
-    # The whole distribution is asked for sample by sample, so such a search runs in no bursts.
-    search.run(
-        guidance,
-        max_samples,
-        propose=guidance.propose if distributions and propose is None else propose,
-        watcher=recorder,
-        progress=progress,
-    )
-    seconds = time.perf_counter() - began - recorder.seconds
-    processor = time.process_time() - burnt - recorder.seconds
+    # Distribution and trace are asked for sample by sample, so such a search runs in no bursts.
+    if (distributions or trace is not None) and propose is None:
+        propose = guidance.propose
+    labels = {"guidance": _label(guidance), "expansion": None if expansion is None else _label(expansion)}
+    with _traced(trace) as writer:
+        recorder = _Recorder(search, guidance, metric, distributions, writer)
+        if writer is not None:
+            writer.begin(search, guide=guidance, measure=metric, seed=seed, labels=labels)
+        began, burnt = time.perf_counter(), time.process_time()
+        search.run(guidance, max_samples, propose=propose, watcher=recorder, progress=progress)
+        seconds = time.perf_counter() - began - recorder.seconds
+        processor = time.process_time() - burnt - recorder.seconds
+        if writer is not None:
+            writer.end(search.path())
     return SearchResult(
         problem,
         search.options,
@@ -174,6 +186,20 @@ def guided_search(
         max(processor, 0.0),  # two clocks: that of the processor is dear to read at each sample
         search.looks,
     )
+
+
+def _traced(place: str | Path | TextSink | None) -> contextlib.AbstractContextManager[TraceWriter | None]:
+    if place is None:
+        return contextlib.nullcontext()
+    from guided_gym.traces.writing import TraceWriter
+
+    return TraceWriter(place)
+
+
+def _label(guidance: GuidingSpace | str) -> str:
+    if isinstance(guidance, str):
+        return guidance
+    return guidance.expression or guidance.name or type(guidance).__name__
 
 
 def proposer(search: Search, expansion: GuidingSpace | str | None) -> Proposer | None:
@@ -195,10 +221,15 @@ class _Recorder:
     """Collects the rows of a `Record`, and the time that this took."""
 
     def __init__(
-        self, search: Search, guidance: GuidingSpace, metric: Measure | None, distributions: bool
+        self,
+        search: Search,
+        guidance: GuidingSpace,
+        metric: Measure | None,
+        distributions: bool,
+        trace: TraceWriter | None = None,
     ) -> None:
         self._search, self._guidance, self._metric = search, guidance, metric
-        self._distributions = distributions
+        self._distributions, self._trace = distributions, trace
         self._blocks: list[NDArray[np.float64]] = []  # (k, 7) each, columns in the order of `Record`
         self._rows: list[list[float]] = []  # not in a block yet
         self.seconds = 0.0
@@ -213,11 +244,18 @@ class _Recorder:
                 p, q = self._guidance.distribution(self._search.tree), self._metric.distribution()
                 row[4], row[5] = sampling_efficiency(p, q), jensen_shannon(p, q)
         self._rows.append(row)
+        if self._trace is not None:
+            self._trace.chosen(node)
         self.seconds += time.perf_counter() - began
 
     def after(self, expansion: Expansion) -> None:
         """What became of it."""
-        self._rows[-1][1] = expansion.child
+        row = self._rows[-1]
+        row[1] = expansion.child
+        if self._trace is not None:
+            began = time.perf_counter()
+            self._trace.became(expansion, row[3], row[6])
+            self.seconds += time.perf_counter() - began
 
     def take(self, burst: NDArray[np.int32]) -> None:
         """Rows of a burst of samples: what each would have been measured at, in hindsight."""

@@ -93,8 +93,10 @@ CORE = (
     "storage",
     "measure",
     "guidance",
-    "planning",
     "catalogue",
+    "traces",
+    "planning",
+    "display",
 )
 # Who knows the truth. Guiding spaces do not: but for the exact solver, none could be measured honestly.
 MAY_MEASURE = ("measure", "planning", "catalogue", "guidance.solvers.exact")

@@ -14,6 +14,7 @@ from typer.core import TyperGroup
 from guided_gym.errors import GuidedGymError, GuidedGymWarning
 from guided_gym.train.plan_cli import register as register_plans
 from guided_gym.train.reinforcement_cli import train_app
+from guided_gym.train.replay_cli import register as register_replays
 from guided_gym.train.terminal import EXIT_INTERRUPTED, console, drawing_status, progress_bar
 
 if TYPE_CHECKING:
@@ -294,6 +295,7 @@ def warmup() -> None:
 
 
 register_plans(app)
+register_replays(app)
 
 
 def _names_table(title: str, rows: list[tuple[str, str]]) -> Any:

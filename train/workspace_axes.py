@@ -179,14 +179,14 @@ def draw_guiding_space(axes: Axes, guidance: GuidingSpace, search: Search, colou
     draw = getattr(guidance, "drawing", None)
     drawing = draw() if draw is not None else {}
     mappable = None
-    if drawing:
+    if "edges" in drawing:
         mappable = _draw_graph(axes, drawing, colour)
         _outline_obstacles(axes, search.problem.environment)
     elif isinstance(guidance, Voronoi):
         mappable = _draw_cells(axes, guidance, search, colour)
     elif not isinstance(guidance, Uninformed):
         mappable = _draw_field(axes, guidance, search)
-    if not drawing:
+    if "edges" not in drawing:
         draw_tree(axes, search.tree, None, Normalize())
     draw_task(axes, search.problem)
     return mappable

@@ -721,12 +721,48 @@ def save_problem(
 def write_problem_file(model: ProblemFile, path: str | Path) -> None:
     """Write the model of a problem file; errors as `save_problem`."""
     path = Path(path)
-    content = model.model_dump(exclude_defaults=True) | {"format": FORMAT}
-    content = {name: content[name] for name in ProblemFile.model_fields if name in content}
+    content = _content(model)
     writers = {".toml": _toml, ".json": _json}
     if path.suffix.lower() not in writers:
         raise InvalidInputError(f"{path}: expected a problem file (.toml or .json), got {path.suffix!r}")
     write_whole(path, writers[path.suffix.lower()](content))
+
+
+def _content(model: ProblemFile) -> dict[str, Any]:
+    """What a file says, in the order in which people read it."""
+    content = model.model_dump(exclude_defaults=True) | {"format": FORMAT}
+    return {name: content[name] for name in ProblemFile.model_fields if name in content}
+
+
+def problem_content(problem: Problem) -> dict[str, Any]:
+    """What a problem file says of a problem, for other files to hold; `problem_of` makes the same one of it.
+
+    Raises:
+        InvalidInputError: A number beyond what a file may have.
+    """
+    return _content(file_of(problem))
+
+
+def problem_of(content: Any, where: Path) -> Problem:
+    """The problem of the content of a problem file.
+
+    Args:
+        content: What was parsed.
+        where: The file that holds it, for messages.
+
+    Raises:
+        InvalidInputError: A field is missing or cannot be used; names file and field.
+    """
+    try:
+        model = ProblemFile.model_validate(content)
+    except ValidationError as error:
+        raise InvalidInputError(f"{where}: {_message(error.errors(include_url=False)[0])}") from None
+    if model.map is not None:
+        raise InvalidInputError(f"{where}: expected a problem that needs no other file, got one with a map")
+    try:
+        return model.problem(where.parent)
+    except InvalidInputError as error:
+        raise InvalidInputError(f"{where}: {error}") from None
 
 
 def write_whole(path: Path, text: str) -> None:

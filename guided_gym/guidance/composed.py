@@ -234,7 +234,7 @@ class Composed(GuidingSpace):
         valid: NDArray[np.bool_] = np.asarray(self.space.valid(np.ascontiguousarray(states)))
         return valid
 
-    def drawing(self) -> dict[str, NDArray[Any]]:
-        """What a figure shows of the solver, if it shows anything."""
+    def drawing(self, values: bool = True) -> dict[str, Any]:
+        """What a figure shows of the solver, if anything: a graph, with h as ``values``, or a field of h."""
         draw = getattr(self.solver, "drawing", None)
-        return draw() if draw is not None else {}
+        return draw(values) if draw is not None else {}

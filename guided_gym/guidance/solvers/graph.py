@@ -234,17 +234,20 @@ class GraphCostToGo(ABC):
             rows, anchors.vertices, anchors.lengths, anchors.edges, graph.multipliers, graph.distance
         )
 
-    def drawing(self) -> dict[str, NDArray[Any]]:
+    def drawing(self, values: bool = True) -> dict[str, Any]:
         """What a figure shows.
 
         ``points`` (v, 2) with their h as ``values`` (v,); ``edges`` (m, 2), ``alive`` (m,), ``weights`` (m,).
+
+        Args:
+            values: Whether h is asked for, which has the shortest paths repaired now.
         """
         factor, space, points = self.graph.multipliers, self.query.space, self.graph.points
         if isinstance(space, Subspace):
             points = space.lift(points)
         return {
+            **({"values": self.graph.distance} if values else {}),
             "points": points[:, :2],
-            "values": self.graph.distance,
             "edges": self.graph.edges,
             "alive": np.isfinite(factor),
             "weights": np.where(np.isfinite(factor), factor, 1.0),

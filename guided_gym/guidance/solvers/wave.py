@@ -441,6 +441,17 @@ class Wave:
     def inspect(self, state: FloatArray, reach: float, valid: Valid) -> None:
         """Nothing: the grid's poses have been looked at."""
 
+    def drawing(self, values: bool = True) -> dict[str, Any]:
+        """What a figure shows: ``field`` (n, n), when the wave arrives, and its ``bounds``.
+
+        At the best heading; infinite where none has room.
+        """
+        arrival = np.where(self._free, self._arrival, np.inf).min(axis=2).astype(np.float64)
+        frame = self._field.frame
+        left, low = (float(frame[i] - frame[fields.CELL] / 2) for i in (fields.ORIGIN_X, fields.ORIGIN_Y))
+        side = float(frame[fields.CELL]) * len(arrival)
+        return {"field": arrival, "bounds": [left, low, left + side, low + side]}
+
     def _join(self, states: FloatArray) -> fields.Joined:
         q = np.require(states, np.float64, ["C", "W"])
         return fields.join(q, self._grid.room, self._free, self._field.frame, self._space.geometry)

@@ -1,0 +1,260 @@
+"""Reading a trace: as far as it can be read, and the search that it tells of grown again."""
+
+from __future__ import annotations
+
+import json
+import math
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from guided_gym.catalogue.files import problem_of
+from guided_gym.errors import StorageError
+from guided_gym.options import SearchOptions
+from guided_gym.problems import Problem
+from guided_gym.search.search import Search
+from guided_gym.traces.writing import FORMAT
+
+_FAMILY: Final = "guided-gym trace "
+LONGEST_LINE: Final = 2**27  # characters; problems of a million corners have less
+NUMBERS: Final = ("h", "s", "b", "t")  # of a sample, where they are known
+
+Row = dict[str, Any]
+
+
+@dataclass(frozen=True)
+class Sample:
+    """One sample of a search.
+
+    Attributes:
+        node: The selected node.
+        target: (d,) what it was expanded towards.
+        contact: (d,) where the motion collided; None if it was free.
+        guide: Which of the trace's guides guided; None if there is only one, or all did.
+        h: The heuristic at the selected node; NaN if infinite or unknown.
+        efficiency: SE of the choice (nats); NaN if it was not measured.
+        best: The least SE that any choice could have had, likewise.
+        work: d_C from the new node to the goal; NaN if there is none.
+        parents: (node, its new parent) of the edges that this sample replaced.
+    """
+
+    node: int
+    target: NDArray[np.float64]
+    contact: NDArray[np.float64] | None
+    guide: int | None
+    h: float
+    efficiency: float
+    best: float
+    work: float
+    parents: tuple[tuple[int, int], ...]
+
+
+class Trace:
+    """A trace that was read.
+
+    Attributes:
+        path: The file.
+        header: Its first line.
+        samples: One per sample.
+        end: Its last line; None if the trace ends early.
+        trouble: Why the trace ends early; empty if it does not.
+    """
+
+    def __init__(self, path: Path) -> None:
+        reader = TraceReader(path)
+        self.path, self.header = path, reader.header
+        self.samples = [_sample(row) for row in reader if "n" in row]
+        self.end, self.trouble = reader.end, reader.trouble
+
+    def __len__(self) -> int:
+        return len(self.samples)
+
+    def __repr__(self) -> str:
+        ends = f", ends early: {self.trouble}" if self.trouble else ""
+        what = f"{self.header.get('guidance')} on {self.header['problem'].get('name')}"
+        return f"Trace({what}, {len(self)} samples{ends})"
+
+    @property
+    def problem(self) -> Problem:
+        """The problem that was searched.
+
+        Raises:
+            InvalidInputError: It cannot be used.
+        """
+        return problem_of(self.header["problem"], self.path)
+
+    def replay(self) -> Search:
+        """The search, grown again from the choices alone: the same tree, rewiring included.
+
+        Raises:
+            StorageError: Something else became of a sample than the trace says.
+            InvalidInputError: The problem cannot be used.
+        """
+        rng = np.random.default_rng(0)  # nobody draws from it
+        options = SearchOptions(step=self.header["step"], rewire=self.header["rewire"])
+        search = Search(self.problem, rng, rng, options)
+        for number, sample in enumerate(self.samples):
+            before = search.tree.parents.copy()
+            expansion = search.expand(sample.node, sample.target)
+            parents = before if expansion.failed else np.append(before, np.int32(sample.node))
+            for node, parent in sample.parents:
+                parents[node] = parent
+            same = _same(expansion.contact, sample.contact) and np.array_equal(parents, search.tree.parents)
+            if not same:
+                raise StorageError(
+                    f"{self.path}: expected sample {number} to be what its choice leads to, got another "
+                    "outcome: another version of guided-gym wrote the trace, or it was changed"
+                )
+        return search
+
+
+def read_trace(path: str | Path) -> Trace:
+    """Read a trace as far as it goes; of one that is truncated or damaged, what comes before.
+
+    Raises:
+        StorageError: The file cannot be read, or is no trace of this version.
+    """
+    return Trace(Path(path))
+
+
+class TraceReader:
+    """The lines of a trace, checked one by one, up to the first that cannot be read.
+
+    Iterate over it once: it gives the rows of samples and of guides' views as they are in the file.
+
+    Attributes:
+        header: The first line.
+        end: The last line, once it was read; None if the trace ends early.
+        trouble: Why the trace ends early; empty if it does not, or has not been read to the end.
+
+    Raises:
+        StorageError: The file cannot be read, or is no trace of this version.
+    """
+
+    def __init__(self, path: str | Path) -> None:
+        self.path = Path(path)
+        self.end: Row | None = None
+        self.trouble = ""
+        try:
+            with self.path.open(encoding="utf-8") as file:
+                line = file.readline(LONGEST_LINE)
+        except (OSError, ValueError) as error:
+            raise StorageError(f"cannot read {self.path}: {error}") from error
+        self.header = _checked_header(self.path, line)
+        self.dimension = len(self.header["problem"]["start"])
+        self._guides = len(self.header["guides"])
+
+    def __iter__(self) -> Iterator[Row]:
+        nodes, number = 1, 1
+        try:
+            with self.path.open(encoding="utf-8") as file:
+                file.readline(LONGEST_LINE)
+                while line := file.readline(LONGEST_LINE):
+                    number += 1
+                    row = self._parsed(line, nodes)
+                    if "end" in row:
+                        self.end = row["end"]
+                        return
+                    nodes += "n" in row and "c" not in row
+                    yield row
+            self.trouble = f"it stops after line {number}"
+        except _UnreadableError as error:
+            self.trouble = f"line {number} {error}"
+        except (OSError, ValueError) as error:
+            self.trouble = f"line {number + 1} cannot be read: {error}"
+
+    def _parsed(self, line: str, nodes: int) -> Row:
+        try:
+            row = json.loads(line)
+        except (ValueError, RecursionError):
+            raise _UnreadableError("is cut off" if not line.endswith("\n") else "is no JSON") from None
+        if not isinstance(row, dict):
+            raise _UnreadableError("is no JSON object")
+        if "n" in row:
+            self._check_sample(row, nodes)
+        elif "view" in row:
+            if not _index(row["view"], self._guides):
+                raise _UnreadableError(f"has no guide {row['view']!r}")
+        elif not isinstance(row.get("end"), dict):
+            raise _UnreadableError("is neither a sample, nor a view, nor the end")
+        return row
+
+    def _check_sample(self, row: Row, nodes: int) -> None:
+        if not _index(row["n"], nodes):
+            raise _UnreadableError(f"selects a node that is not there: {row['n']!r}")
+        for key in ("x", "c"):
+            if (key == "x" or key in row) and not _vector(row.get(key), self.dimension):
+                raise _UnreadableError(f"needs {self.dimension} numbers as {key!r}")
+        if any(key in row and not _number(row[key]) for key in NUMBERS):
+            raise _UnreadableError("has a text where a number should be")
+        if "g" in row and not _index(row["g"], self._guides):
+            raise _UnreadableError(f"has no guide {row['g']!r}")
+        size = nodes + ("c" not in row)
+        pairs = row.get("w", [])
+        if not isinstance(pairs, list) or not all(
+            isinstance(pair, list) and len(pair) == 2 and all(_index(one, size) for one in pair)
+            for pair in pairs
+        ):
+            raise _UnreadableError("rewires nodes that are not there")
+
+
+def _same(a: NDArray[np.float64] | None, b: NDArray[np.float64] | None) -> bool:
+    return (a is None and b is None) or (a is not None and b is not None and np.array_equal(a, b))
+
+
+class _UnreadableError(Exception):
+    """What is wrong with a line."""
+
+
+def _checked_header(path: Path, line: str) -> Row:
+    try:
+        header = json.loads(line)
+        form = header["format"]
+    except (ValueError, TypeError, KeyError, RecursionError):
+        raise StorageError(
+            f"{path}: expected a trace, whose first line names its format; got {line[:60]!r}"
+        ) from None
+    if form != FORMAT:
+        kind = "another version of it" if str(form).startswith(_FAMILY) else "something else"
+        raise StorageError(f"{path}: expected {FORMAT!r}, got {kind}: {str(form)[:60]!r}")
+    problem = header.get("problem")
+    start = problem.get("start") if isinstance(problem, dict) else None
+    if not (isinstance(start, list) and start and _vector(start, len(start))):
+        raise StorageError(f"{path}: expected a problem with a start in the first line, got none")
+    guides = header.setdefault("guides", [])
+    if not (isinstance(guides, list) and all(isinstance(name, str) for name in guides)):
+        raise StorageError(f"{path}: expected the guides' names in the first line, got {guides!r}")
+    if not _number(header.get("step")) or not isinstance(header.get("rewire"), bool):
+        raise StorageError(f"{path}: expected step and rewire in the first line, got none")
+    return dict(header)
+
+
+def _number(value: object) -> bool:
+    return isinstance(value, int | float) and not isinstance(value, bool) and math.isfinite(value)
+
+
+def _index(value: object, size: int) -> bool:
+    return isinstance(value, int) and not isinstance(value, bool) and 0 <= value < size
+
+
+def _vector(value: object, size: int) -> bool:
+    return isinstance(value, list) and len(value) == size and all(map(_number, value))
+
+
+def _sample(row: Row) -> Sample:
+    h, efficiency, best, work = (float(row.get(key, math.nan)) for key in NUMBERS)
+    return Sample(
+        row["n"],
+        np.array(row["x"], np.float64),
+        np.array(row["c"], np.float64) if "c" in row else None,
+        row.get("g"),
+        h,
+        efficiency,
+        best,
+        work,
+        tuple((node, parent) for node, parent in row.get("w", [])),
+    )
