@@ -86,7 +86,8 @@ class SearchOptions:
     Where a search ends is the task's business: see `Task`.
 
     Attributes:
-        step: Radius of the local planner's ball; None for 5 % of the workspace's diagonal.
+        step: Radius of the local planner's ball; None for the `scale` of the configuration space: 5 % of the
+            diagonal of the bounds, or less where the free space is narrow.
         candidates: Members of N_C(v) that a guided expansion looks at.
         rewire: RRT*-style: a new node takes the best parent within one step, then becomes one itself.
         target: Parameters of the target distribution Q.

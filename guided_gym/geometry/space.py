@@ -112,15 +112,25 @@ class ConfigurationSpace:
         )
 
     @cached_property
-    def scale(self) -> float:
-        """A length that is natural here: 5 % of the diagonal, or half of the mean width of the free space.
+    def room(self) -> float:
+        """The longest step that suits the free space between the obstacles (length).
 
-        The smaller of the two. The mean width is the hydraulic diameter, four times the area by the length of
-        the boundary; guiding spaces measure in this unit what a failure teaches, whatever the step.
+        Twice the area of the free space by the length of its boundary: the width of a corridor, half the
+        side of a square room. For a robot of some size as much less as it is wide, but not less than three
+        of its radii where the width allows them: longer motions than these rarely fit through a door.
         """
         free = self.environment.free_space
-        width = 4.0 * free.area / free.length if free.length > 0 else self.extent
-        return float(min(0.05 * self.extent, 0.5 * width))
+        width = 2.0 * free.area / free.length if free.length > 0 else self.extent
+        radius = self.robot.radius
+        return float(min(width, max(width - 2.0 * radius, 3.0 * radius)))
+
+    @cached_property
+    def scale(self) -> float:
+        """A length that is natural here: 5 % of the diagonal of the bounds, or `room` where that is less.
+
+        It is the default step. Guiding spaces measure in it what a failure teaches, whatever the step.
+        """
+        return min(0.05 * self.extent, self.room)
 
     def __setstate__(self, state: dict[str, object]) -> None:
         """Unpickled arrays are writable; ours are not, and the kernels would compile for both."""

@@ -6,11 +6,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from guided_gym.checks import integer, number
+from guided_gym.errors import warn
 from guided_gym.geometry.space import ConfigurationSpace
 from guided_gym.kernels.metric import ball_samples, steer
 
 DEFAULT_CANDIDATES = 16
-STEP_FRACTION = 0.05  # default step size, as a fraction of the workspace's diagonal
+_LONG = 1.5
+"""Steps longer than this times what the free space suits are warned of."""
 
 
 class LocalPlanner:
@@ -19,7 +21,7 @@ class LocalPlanner:
     Args:
         space: The configuration space.
         rng: Source of every random expansion.
-        step: Radius of the ball, in the space's distance; None for 5 % of the workspace's diagonal.
+        step: Radius of the ball, in the space's distance; None for the space's own `scale`.
         candidates: How many members of N_C(v) a guided choice looks at.
 
     Raises:
@@ -33,11 +35,18 @@ class LocalPlanner:
         step: float | None = None,
         candidates: int = DEFAULT_CANDIDATES,
     ) -> None:
-        if step is None:
-            step = STEP_FRACTION * space.extent
         self.space = space
         self.rng = rng
-        self.step = number("step", step, above=0, what="length")
+        if step is None:
+            self.step = space.scale
+        else:
+            self.step = number("step", step, above=0, what="length")
+            if self.step > _LONG * space.room:
+                warn(
+                    f"a step of {self.step:.3g} is long for this world: most motions of that length collide "
+                    f"where it is narrow. Its free space suits steps of up to {space.room:.3g}, the default "
+                    f"is {space.scale:.3g}"
+                )
         self.candidate_count = integer("candidates", candidates, least=1)
 
     def candidates(self, q: NDArray[np.float64], count: int | None = None) -> NDArray[np.float64]:

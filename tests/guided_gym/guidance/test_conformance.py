@@ -276,7 +276,7 @@ def test_guidance__can_expand_for_another(walled: Walled, make: Make, name: str)
     steps = problem.space.distance(
         result.tree.configurations[1:], result.tree.configurations[result.tree.parents[1:]]
     )
-    assert np.max(steps, initial=0) <= 0.05 * problem.space.extent + 1e-9
+    assert np.max(steps, initial=0) <= problem.space.scale + 1e-9
 
 
 @pytest.mark.parametrize("name", SPACES)

@@ -3,13 +3,15 @@
 from __future__ import annotations
 
 import math
+import warnings
 
 import numpy as np
 import pytest
+import shapely
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from guided_gym.errors import InvalidInputError
+from guided_gym.errors import GuidedGymWarning, InvalidInputError
 from guided_gym.geometry.environment import Environment
 from guided_gym.geometry.robots import Robot
 from guided_gym.geometry.space import ConfigurationSpace
@@ -25,8 +27,36 @@ def planner(space: ConfigurationSpace, **options: object) -> LocalPlanner:
     return LocalPlanner(space, np.random.default_rng(0), **options)  # type: ignore[arg-type]
 
 
-def test_step__is_a_twentieth_of_the_diagonal_by_default() -> None:
-    assert planner(SPACES[0]).step == pytest.approx(0.05 * math.hypot(10, 10))
+def test_step__is_a_twentieth_of_the_diagonal_in_the_open() -> None:
+    for space in SPACES:
+        assert planner(space).step == pytest.approx(0.05 * math.hypot(10, 10))
+
+
+@pytest.mark.parametrize(
+    ("robot", "step"),
+    [
+        (Robot.point(), 0.5),  # the width of the corridor
+        (Robot.rectangle(0.12, 0.16), 0.3),  # three radii of 0.1; the width less two is the same
+        (Robot.rectangle(0.18, 0.24), 0.45),  # three radii of 0.15; the width less two is less
+        (Robot.rectangle(0.006, 0.008), 0.49),  # hardly more than a point
+        (Robot.rectangle(0.3, 0.4), 0.5),  # three of its radii would be more than the width
+    ],
+)
+def test_step__suits_a_corridor(robot: Robot, step: float) -> None:
+    walls = [shapely.box(0, 0, 1000, 4.75), shapely.box(0, 5.25, 1000, 10)]
+    space = ConfigurationSpace(robot, Environment((0.0, 0.0, 1000.0, 10.0), walls))
+    assert planner(space).step == pytest.approx(step, rel=2e-3)
+
+
+def test_step__that_is_much_too_long_is_warned_of() -> None:
+    walls = [shapely.box(0, 0, 100, 4.75), shapely.box(0, 5.25, 100, 10)]
+    space = ConfigurationSpace(Robot.point(), Environment((0.0, 0.0, 100.0, 10.0), walls))
+    with pytest.warns(GuidedGymWarning, match=r"a step of 1 is long .* default is 0\.498"):
+        planner(space, step=1)
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        planner(space, step=0.7)
+        planner(space)
 
 
 @pytest.mark.parametrize("space", SPACES)
@@ -60,6 +90,7 @@ def test_steer__hand_worked() -> None:
     assert local.steer(np.array([1.0, 1.0]), np.array([1.5, 1.0])).tolist() == [1.5, 1]
 
 
+@pytest.mark.filterwarnings("ignore:a step of:guided_gym.errors.GuidedGymWarning")
 @settings(max_examples=60, deadline=None)
 @given(st.integers(0, 2**32), st.floats(0.01, 12))
 def test_steer__goes_the_short_way_as_far_as_it_may(seed: int, step: float) -> None:
