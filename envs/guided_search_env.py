@@ -447,8 +447,10 @@ class GuidedSearchEnv(gymnasium.Env[Observation, Action]):
     def _region(self, search: Search, node: int) -> int:
         """Index of the region that a node's reference point is in; NO_REGION outside all."""
         if node not in self._regions:
-            q = search.tree.nodes.configurations[node : node + 1]
-            self._regions[node] = int(regions_of(self._areas, q)[0])
+            x, y = search.tree.nodes.configurations[node, :2].tolist()
+            inside = shapely.intersects_xy(self._areas, x, y)
+            first = int(inside.argmax())
+            self._regions[node] = first if inside[first] else NO_REGION
         return self._regions[node]
 
 

@@ -134,7 +134,8 @@ class Environment:
         return self.cover.arrays()
 
     @cached_property
-    def _point_geometry(self) -> collision.Geometry:
+    def point_geometry(self) -> collision.Geometry:
+        """What the kernels take, for a point robot."""
         point = Pieces(np.zeros((1, 2)), np.array([1]))
         return pack(point, self.cover, self.bounds, 1e-9 * self.extent)
 
@@ -144,7 +145,7 @@ class Environment:
         if points.ndim < 1 or points.shape[-1] != 2:
             raise InvalidInputError(f"expected points of shape (..., 2), got shape {points.shape}")
         flat = np.require(points.reshape(-1, 2), requirements=["C", "W"])
-        return collision.pose_clearances(flat, self._point_geometry).reshape(points.shape[:-1])
+        return collision.pose_clearances(flat, self.point_geometry).reshape(points.shape[:-1])
 
     def raster(self, n: int) -> npt.NDArray[np.uint8]:
         """Occupancy of n x n cells over the bounds: uint8 (n, n), 1 where a cell's centre is in an obstacle.

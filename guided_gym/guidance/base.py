@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from abc import ABC, abstractmethod
 from collections.abc import Callable
 from typing import TYPE_CHECKING, Any, ClassVar
@@ -92,6 +93,12 @@ class GuidingSpace(ABC):
         """(n,) h(P_T(v)) of each node, the penalty for its expansions so far included."""
         return self._values.update(tree, self.evaluate)
 
+    def least(self, tree: SearchTree) -> tuple[int, float]:
+        """The node of least h, the first of equals, and its h; both as `values` has them."""
+        h = self.values(tree)
+        node = int(h.argmin())
+        return node, float(h[node])
+
     def distribution(self, tree: SearchTree) -> NDArray[np.float64]:
         """(n,) the distribution P over the nodes from which `select` draws."""
         h = self.values(tree)
@@ -112,9 +119,8 @@ class GuidingSpace(ABC):
         Where h is infinite everywhere, S gives no guidance and every node is as good as another.
         """
         if self.temperature == 0:
-            h = self.values(tree)
-            node = int(np.argmin(h))
-            return node if np.isfinite(h[node]) else int(self.rng.integers(h.size))
+            node, h = self.least(tree)
+            return node if math.isfinite(h) else int(self.rng.integers(len(tree)))
         return draw(self.distribution(tree), self.rng)
 
     def propose(self, tree: SearchTree, node: int) -> NDArray[np.float64]:
@@ -142,7 +148,7 @@ class GuidingSpace(ABC):
             raise InvalidInputError(f"{what}; got {h!r}") from error
         if values.shape != (count,):
             raise InvalidInputError(f"{what}; got shape {values.shape}")
-        if not (values >= 0).all():  # nor is NaN
+        if count and not values.min() >= 0:  # nor is NaN
             bad = int(np.argmin(values >= 0))
             raise InvalidInputError(f"{what}; got {values[bad]} for state {bad}")
         return values

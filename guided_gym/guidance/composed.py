@@ -19,6 +19,7 @@ from guided_gym.geometry.environment import Environment
 from guided_gym.guidance.base import GuidingSpace
 from guided_gym.guidance.modifications import SAME, UNCHANGED, EnvironmentModification, RobotModification
 from guided_gym.guidance.solvers.base import CostToGo, Query
+from guided_gym.kernels.turns import charged
 from guided_gym.search.search import Expansion
 from guided_gym.search.tree import SearchTree
 
@@ -115,6 +116,7 @@ class Composed(GuidingSpace):
             raise InvalidInputError(f"{error} (guidance {self.expression or self.name!r})") from error
         self._states = np.zeros((0, easier.dimension))
         self._projected = 0
+        self._least: tuple[tuple[int, int, int], tuple[int, float]] | None = None
         self._count_looks()
 
     def _state(self, q: Floats) -> Floats:
@@ -123,8 +125,10 @@ class Composed(GuidingSpace):
 
     def _count_looks(self, before: int = 0) -> None:
         """Whatever the solver looked at is counted among the search's collision checks."""
-        self.search.collision_checks += self.solver.looks - before
-        self.search.looks += self.solver.looks - before
+        looks = self.solver.looks - before
+        if looks:
+            self.search.collision_checks += looks
+            self.search.looks += looks
 
     def project(self, tree: SearchTree, q: Floats) -> Floats:
         """P: (n, d) configurations to (n, d') states of C'."""
@@ -161,20 +165,27 @@ class Composed(GuidingSpace):
         """(n,) h of each node (length), with its detour and the penalty for its expansions so far."""
         n, nodes = len(tree), tree.nodes
         h = self.costs(tree)
-        total: Floats = h + self._penalty * (nodes.failures[:n] + nodes.children[:n])
+        total: Floats = charged(h, nodes.failures, nodes.children, self._penalty)
         if self.detour > 0 and math.isfinite(h[0]):
             total += self.detour * np.maximum(nodes.costs[:n] + h - h[0], 0.0)
         return total
 
+    def least(self, tree: SearchTree) -> tuple[int, float]:
+        """The node of least h and its h; worked out once a sample, however many ask."""
+        stage = len(tree), tree.failure_count, tree.rewirings
+        if self._least is None or self._least[0] != stage:
+            self._least = stage, super().least(tree)
+        return self._least[1]
+
     def select(self, tree: SearchTree) -> int:
         """Argmin h, or the fallback's choice while no node has a way."""
-        if self.fallback is not None and not np.isfinite(self.values(tree)).any():
+        if self.fallback is not None and not math.isfinite(self.least(tree)[1]):
             return self.fallback.select(tree)
         return super().select(tree)
 
     def distribution(self, tree: SearchTree) -> Floats:
         """(n,) the distribution P over the nodes from which `select` draws."""
-        if self.fallback is not None and not np.isfinite(self.values(tree)).any():
+        if self.fallback is not None and not math.isfinite(self.least(tree)[1]):
             return self.fallback.distribution(tree)
         return super().distribution(tree)
 
@@ -206,6 +217,7 @@ class Composed(GuidingSpace):
 
     def feedback(self, expansion: Expansion) -> None:
         """Teach the solver what a failure means, or have it begin anew in another E'."""
+        self._least = None
         if expansion.contact is not None:
             failure = (self.search.tree.configurations[expansion.node], expansion.contact)
             self._failures.append(failure)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from typing import Any, ClassVar
 
@@ -66,8 +67,9 @@ class Hybrid(GuidingSpace):
     def _turn(self) -> None:
         """Ask the rule for the next sample's weights, and draw who guides it."""
         weights = self._weights = self._checked_weights(self.rule.weights())
-        largest = int(np.argmax(weights))
-        alone = weights[largest] == weights.sum() or self._joint
+        given = weights.tolist()
+        largest = given.index(max(given))
+        alone = given[largest] == sum(given) or self._joint
         self.current = largest if alone else draw(weights, self.rng)
 
     def _checked_weights(self, weights: Any) -> Floats:
@@ -75,7 +77,7 @@ class Hybrid(GuidingSpace):
             given = np.asarray(weights, np.float64)
         except (TypeError, ValueError):
             given = np.zeros(0)
-        if given.shape != (len(self.guides),) or not (np.isfinite(given).all() and (given >= 0).all()):
+        if given.shape != (len(self.guides),) or not all(0 <= w < math.inf for w in given.tolist()):
             raise InvalidInputError(
                 f"rule {type(self.rule).__name__}: expected {len(self.guides)} finite weights >= 0, got "
                 f"{weights!r}"

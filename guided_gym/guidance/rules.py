@@ -49,9 +49,7 @@ class Taking:
 
     def weights(self) -> Weights:
         """All weight on the one whose turn it is."""
-        out = np.zeros(len(self.guides))
-        out[self.turn] = 1.0
-        return out
+        return np.array([float(i == self.turn) for i in range(len(self.guides))])
 
     def learn(self, guide: int, expansion: Expansion) -> None:
         """Nothing."""
@@ -99,7 +97,7 @@ class Minimum(Taking):
 
     def weights(self) -> Weights:
         """All weight on the one with the least value of a node."""
-        self.turn = int(np.argmin([guide.values(self.search.tree).min() for guide in self.guides]))
+        self.turn = int(np.argmin([guide.least(self.search.tree)[1] for guide in self.guides]))
         return super().weights()
 
 
@@ -123,7 +121,7 @@ class MultiHeuristic(Taking):
         """All weight on the next inadmissible queue if its least key is in bounds, else on the anchor."""
         if len(self.guides) > 1:
             self._tried = self._tried % (len(self.guides) - 1) + 1
-            least = [float(self.guides[i].values(self.search.tree).min()) for i in (0, self._tried)]
+            least = [self.guides[i].least(self.search.tree)[1] for i in (0, self._tried)]
             self.turn = self._tried if least[1] <= self.factor * least[0] else 0
         return super().weights()
 
@@ -161,7 +159,7 @@ class Bandit(Taking):
         self._tries *= self.discount
         self._worth *= self.discount
         self._tries[guide] += 1.0
-        least = float(self.guides[guide].values(self.search.tree).min())
+        _, least = self.guides[guide].least(self.search.tree)
         self._worth[guide] += float(not expansion.failed and least < self._least[guide])
         self._least[guide] = min(least, self._least[guide])
 

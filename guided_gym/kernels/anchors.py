@@ -11,13 +11,16 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
+from guided_gym.kernels.collision import Geometry, pose_clearance
 from guided_gym.kernels.metric import Metric, placed, segment_separation, separation, shortest
 from guided_gym.kernels.nearest import State, k_nearest
+from guided_gym.kernels.segments import ROUNDING
 
 Floats = NDArray[np.float64]
 Int32s = NDArray[np.int32]
 Ints = NDArray[np.int64]
 Taught = tuple[Floats, Floats, Floats]
+Anchored = tuple[Int32s, Floats, Int32s]
 
 
 @njit(cache=True)
@@ -49,6 +52,18 @@ def anchored_values_of(
 
 
 @njit(cache=True)
+def _apart(a: Floats, i: int, b: Floats, j: int, weights: Floats, periods: Floats) -> float:
+    """`separation` of row i of a and row j of b; a view of each row would cost more than the distance."""
+    total = 0.0
+    for c in range(a.shape[1]):
+        delta = b[j, c] - a[i, c]
+        if periods[c] > 0.0:
+            delta -= periods[c] * np.floor(delta / periods[c] + 0.5)
+        total += (weights[c] * delta) * (weights[c] * delta)
+    return np.sqrt(total)
+
+
+@njit(cache=True)
 def _charged(
     length: float,
     q: Floats,
@@ -69,12 +84,13 @@ def _charged(
 
 
 @njit(cache=True)
-def _close(q: Floats, among: Ints, taught: Taught, longest: float, metric: Metric) -> Ints:
-    """Which of some states an anchor of that length from ``q`` can pass within their reach."""
+def _close(q: Floats, i: int, among: Ints, taught: Taught, longest: float, metric: Metric) -> Ints:
+    """Which of some states an anchor of that length from row i of ``q`` can pass within their reach."""
     states, reaches, _ = taught
+    weights, periods = metric
     near, count = np.empty(among.size, np.int64), 0
     for f in among:
-        if separation(q, states[f], metric) <= reaches[f] + longest:
+        if _apart(q, i, states, f, weights, periods) <= reaches[f] + longest:
             near[count] = f
             count += 1
     return near[:count]
@@ -109,7 +125,7 @@ def charge_anchors(
                 longest = max(longest, separation(q[i], points[vertices[i, j]], metric))
         if longest < 0.0:
             continue
-        near = _close(q[i], every, taught, longest, metric)
+        near = _close(q, i, every, taught, longest, metric)
         for j in range(vertices.shape[1]):
             if vertices[i, j] >= 0 and lengths[i, j] < np.inf:
                 v = points[vertices[i, j]]
@@ -136,6 +152,16 @@ def nearest_anchors(q: Floats, index: State, points: Floats, k: int, metric: Met
         if far <= away[-1]:
             vertices[i, k - 1], lengths[i, k - 1] = goal, far
     return vertices, lengths
+
+
+@njit(cache=True)
+def charged_anchors(
+    q: Floats, index: State, points: Floats, k: int, taught: Taught, metric: Metric
+) -> Anchored:
+    """`nearest_anchors` that have paid for what was raised near them (`charge_anchors`), along no edges."""
+    vertices, lengths = nearest_anchors(q, index, points, k, metric)
+    charge_anchors(q, np.arange(q.shape[0]), vertices, lengths, points, taught, metric)
+    return vertices, lengths, np.full(vertices.shape, -1, np.int32)
 
 
 @njit(cache=True)
@@ -176,15 +202,19 @@ def candidate_values(
     for i in range(n):
         spread = max(spread, separation(middle, q[i], metric))
     if separation(middle, points[goal], metric) <= away[-1]:
-        some = np.append(some, goal)
-    close = _close(middle, np.arange(taught[1].size), taught, 2.0 * spread + away[-1], metric)
+        some, away = np.append(some, goal), np.append(away, away[-1])
     every = np.arange(taught[1].size)
+    close = _close(middle[None], 0, every, taught, 2.0 * spread + away[-1], metric)
     out = np.full(n, np.inf)
     lengths, ids = np.empty(k), np.empty(k, np.int64)
+    weights, periods = metric
     for i in range(n):
-        held = 0
-        for v in some:
-            length = separation(q[i], points[v], metric)
+        held, off = 0, separation(middle, q[i], metric)
+        for a in range(some.size):
+            v = some[a]
+            if held == k and away[a] - off > ROUNDING * lengths[k - 1] and v != goal:
+                continue  # those farther from the middle are farther from here
+            length = _apart(q, i, points, v, weights, periods)
             if held == k and length >= lengths[k - 1]:
                 continue
             slot = held if held < k else k - 1
@@ -194,11 +224,11 @@ def candidate_values(
             lengths[slot], ids[slot] = length, v
             held = min(held + 1, k)
         among = close
-        if lengths[k - 1] > away[-1] - separation(middle, q[i], metric):  # another vertex may be nearer
+        if lengths[k - 1] > away[-1] - off:  # another vertex may be nearer
             own, far = nearest_anchors(q[i : i + 1], index, points, k, metric)
             ids[:], lengths[:] = own[0].astype(np.int64), far[0]
             among = every
-        near = _close(q[i], among, taught, lengths[k - 1], metric)
+        near = _close(q, i, among, taught, lengths[k - 1], metric)
         for j in range(k):
             if lengths[j] + distance[ids[j]] < out[i]:
                 v = points[ids[j]]
@@ -243,6 +273,36 @@ def link_anchors(
                 node_of[count], following[count], head[v] = i, head[v], count
                 count += 1
     return count
+
+
+@njit(cache=True)
+def enter_anchors(
+    held: Anchored, fresh: Anchored, first: int, lists: tuple[Int32s, Int32s, Int32s], count: int
+) -> tuple[int, float]:
+    """Write the anchors of the next nodes behind those of the earlier ones, and enter them into the lists.
+
+    Args:
+        held: Vertices, lengths and edges (capacity, k) of all nodes' anchors, changed in place.
+        fresh: Those of the next nodes, (n, k).
+        first: How many nodes there were.
+        lists: ``head``, ``node_of`` and ``following`` of `link_anchors`.
+        count: Links so far.
+
+    Returns:
+        The new number of links, and the longest of the fresh anchors that are finite, else 0.
+    """
+    last, longest = first + fresh[0].shape[0], 0.0
+    for i in range(first, last):
+        for j in range(fresh[0].shape[1]):
+            length = fresh[1][i - first, j]
+            held[0][i, j], held[1][i, j], held[2][i, j] = (
+                fresh[0][i - first, j],
+                length,
+                fresh[2][i - first, j],
+            )
+            if longest < length < np.inf:
+                longest = length
+    return link_anchors(held[0], first, last, lists[0], lists[1], lists[2], count), longest
 
 
 @njit(cache=True)
@@ -297,3 +357,34 @@ def nearest_segments(q: Floats, tails: Floats, heads: Floats) -> tuple[Int32s, F
                 segment[i], fraction[i], away[i] = e, t, d
         away[i] = np.sqrt(away[i])
     return segment, fraction, away
+
+
+@njit(cache=True)
+def edge_anchors(
+    q: Floats, tails: Floats, heads: Floats, edges: Int32s, lengths: Floats, geometry: Geometry
+) -> Anchored:
+    """Join each point to both ends of its nearest segment; one in an obstacle by ways of infinite length.
+
+    Args:
+        q: (n, 2) points.
+        tails: (m, 2) first end of each segment.
+        heads: (m, 2) second end of each segment.
+        edges: (m, 2) int32 vertices of both ends.
+        lengths: (m,) length of each segment.
+        geometry: Of a point robot.
+
+    Returns:
+        (n, 2) int32 vertices, (n, 2) lengths along the segment, (n, 2) int32 the segment.
+    """
+    n = q.shape[0]
+    segment, fraction, _ = nearest_segments(q, tails, heads)
+    vertices, along, edge = np.empty((n, 2), np.int32), np.empty((n, 2)), np.empty((n, 2), np.int32)
+    for i in range(n):
+        e = segment[i]
+        vertices[i], edge[i] = edges[e], e
+        if pose_clearance(q[i], geometry) > 0.0:
+            along[i, 0] = fraction[i] * lengths[e]
+            along[i, 1] = lengths[e] - along[i, 0]
+        else:
+            along[i] = np.inf
+    return vertices, along, edge

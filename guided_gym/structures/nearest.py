@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from typing import TypeVar
 
 import numpy as np
@@ -71,7 +72,7 @@ def checked_query(q: ArrayLike, d: int) -> Floats:
         InvalidInputError: wrong shape, NaN or an infinity.
     """
     row = kernel_array(q, np.float64)
-    if row.shape != (d,) or not np.isfinite(row).all():
+    if row.shape != (d,) or not all(map(math.isfinite, row.tolist())):
         raise InvalidInputError(f"expected a finite configuration of shape ({d},), got {row.tolist()}")
     return row
 
@@ -206,7 +207,7 @@ class GrowingIndex:
             InvalidInputError: wrong shape, a query that is not finite, or a NaN radius.
         """
         row = checked_query(q, self.state[0].shape[1])
-        if np.isnan(r):
+        if math.isnan(r):
             raise InvalidInputError(f"expected a radius, got {r}")
         return within(self.state, row, float(r))
 

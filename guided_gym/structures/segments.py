@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 from numpy.typing import ArrayLike
 
@@ -56,6 +58,6 @@ class SegmentIndex:
             InvalidInputError: wrong shape, a query that is not finite, or a NaN radius.
         """
         row = checked_query(q, self._halves.shape[1])
-        if np.isnan(r):
+        if math.isnan(r):
             raise InvalidInputError(f"expected a radius, got {r}")
         return segments_within(*self.state, row, float(r))

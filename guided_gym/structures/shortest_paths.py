@@ -281,6 +281,8 @@ def _read_only(values: NDArray[_Scalar]) -> NDArray[_Scalar]:
 
 def _ids(values: ArrayLike) -> Ints:
     ids = np.asarray(values)
+    if ids.dtype == np.int64 and ids.ndim == 1 and ids.size:
+        return kernel_array(ids, np.int64)
     if ids.size == 0:
         return np.empty(0, np.int64)
     if ids.ndim != 1 or not np.issubdtype(ids.dtype, np.integer):

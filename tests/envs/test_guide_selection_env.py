@@ -98,6 +98,36 @@ def test_observation_tells_who_guided_and_what_became_of_it():
         assert guides[action, GuideColumn.WAITING] == 0
 
 
+def test_observation_tells_of_each_guides_favourite():
+    env = GuideSelectionEnv(max_samples=60)
+    env.reset(seed=0)
+    tree, space = env.search.tree, env.search.space
+    root = [guide.values(tree)[0] for guide in env.hybrid.guides]
+    far, lagging = space.distance(env.search.start, env.search.goal), np.ones(2)
+    for i in range(40):
+        observation = env.step(i % 2)[0]
+        guides = observation[len(SearchColumn) :].reshape(2, len(GuideColumn))
+        values = [guide.values(tree) for guide in env.hybrid.guides]
+        nodes = np.array([np.argmin(v) for v in values])
+        h = np.minimum([v.min() / r for v, r in zip(values, root, strict=True)], 2)
+        q, tries = tree.configurations[nodes], tree.failures[nodes] + tree.children[nodes]
+        expected = {
+            GuideColumn.REMAINING: h,
+            GuideColumn.TREND: np.clip(4 * (lagging - h), -1, 1),
+            GuideColumn.TRIES: np.log1p(tries) / np.log(101),
+            GuideColumn.NODE_FAILURES: np.log1p(tree.failures[nodes]) / np.log(101),
+            GuideColumn.CLEARANCE: np.minimum(space.clearance(q) / env.search.planner.step / 2, 1),
+            GuideColumn.DISTANCE: np.minimum(space.distance(q, env.search.goal) / far / 2, 1),
+            GuideColumn.AGREES: nodes == nodes[i % 2],
+            GuideColumn.AGE: 1 - nodes / (len(tree) - 1),
+        }
+        for column, value in expected.items():
+            assert guides[:, column] == pytest.approx(np.asarray(value, float), abs=1e-6), column
+        lagging = 0.9 * lagging + 0.1 * h
+        nearest = space.distance(tree.configurations, env.search.goal).min() / far
+        assert observation[SearchColumn.NEAREST] == pytest.approx(nearest)
+
+
 def test_steps_after_the_end_change_nothing():
     env = GuideSelectionEnv(max_samples=3)
     env.reset(seed=0)

@@ -16,6 +16,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from guided_gym.guidance.base import GuidingSpace
+from guided_gym.kernels.metric import separation
+from guided_gym.kernels.turns import seen
 from guided_gym.search.search import NO_NODE, Expansion, Search
 
 
@@ -81,10 +83,9 @@ class Turns:
         self._guides, self._search = guides, search
         k = len(guides)
         self._current = 0
-        self._last_failed, self._failures = np.zeros(k), np.zeros(k)
-        self._waiting, self._uses = np.zeros(k), np.zeros(k)
-        self._scale = np.ones(k)
-        self._lagging = np.full(k, np.nan)
+        self._last_failed, self._failures = [0.0] * k, [0.0] * k
+        self._waiting, self._uses = [0.0] * k, [0.0] * k
+        self._scale, self._lagging = [1.0] * k, [math.nan] * k
         self._streak = 0
         self._far = max(float(search.space.distance(search.start, search.goal)), 1e-9)
         self._nearest = 1.0
@@ -95,62 +96,45 @@ class Turns:
         self._current = guide
         self._last_failed[guide] = failed
         self._failures[guide] += (1 - _MEMORY) * (failed - self._failures[guide])
-        self._waiting += 1
+        self._waiting = [samples + 1 for samples in self._waiting]
         self._waiting[guide] = 0
         self._uses[guide] += 1
         self._streak = self._streak + 1 if expansion.failed else 0
         if expansion.child != NO_NODE:
-            child = self._search.tree.nodes.configurations[expansion.child]
-            gap = float(self._search.space.distance(child, self._search.goal)) / self._far
+            search = self._search
+            child = search.tree.nodes.configurations[expansion.child]
+            gap = separation(child, search.goal, search.space.metric) / self._far
             self._nearest = min(self._nearest, gap)
 
     def observe(self) -> NDArray[np.float32]:
         """(5 + 13 k,) the numbers, `SearchColumn` first, then `GuideColumn` of each; once a sample."""
-        search, tree, samples = self._search, self._search.tree, self._search.samples
-        favourites, h = zip(*(self._favourite(i) for i in range(len(self._guides))), strict=True)
-        table = np.zeros((len(self._guides), len(GuideColumn)))
-        table[self._current, GuideColumn.CURRENT] = 1.0 if samples else 0.0
-        table[:, GuideColumn.LAST_FAILED] = self._last_failed
-        table[:, GuideColumn.FAILURES] = self._failures
-        table[:, GuideColumn.WAITING] = _logarithm(self._waiting)
-        table[:, GuideColumn.USE] = self._uses / max(samples, 1)
-        table[:, GuideColumn.REMAINING] = h
-        table[:, GuideColumn.TREND] = self._trend(np.array(h))
-        nodes = np.array(favourites)
-        failures = tree.nodes.failures[nodes]
-        table[:, GuideColumn.TRIES] = _logarithm(failures + tree.nodes.children[nodes])
-        table[:, GuideColumn.NODE_FAILURES] = _logarithm(failures)
-        q = tree.nodes.configurations[nodes]
-        table[:, GuideColumn.CLEARANCE] = search.space.clearance(q) / search.planner.step / 2
-        table[:, GuideColumn.DISTANCE] = search.space.distance(q, search.goal) / self._far / 2
-        table[:, GuideColumn.AGREES] = nodes == nodes[self._current]
-        table[:, GuideColumn.AGE] = 1 - nodes / max(len(tree) - 1, 1)
-        first = [
-            math.log1p(samples) / math.log(1001),
-            (len(tree) - 1) / max(samples, 1),
-            float(self._streak > 0),
-            math.log1p(self._streak) / math.log(101),
-            self._nearest,
+        search, nodes = self._search, self._search.tree.nodes
+        favourites, h = zip(*map(self._favourite, range(len(self._guides))), strict=True)
+        trend = [4 * (before - now) for before, now in zip(self._lagging, h, strict=True)]
+        self._lagging = [
+            _LAG * before + (1 - _LAG) * now for before, now in zip(self._lagging, h, strict=True)
         ]
-        low, high = bounds(len(self._guides))
-        return np.concatenate([first, table.ravel()]).astype(np.float32).clip(low, high)
+        kept = [self._last_failed, self._failures, self._waiting, self._uses, h, trend]
+        numbers: NDArray[np.float32] = seen(
+            np.array(kept),
+            np.array(favourites),
+            (self._nearest, self._far, search.planner.step),
+            (search.samples, len(search.tree), self._streak, self._current),
+            (nodes.configurations, nodes.failures, nodes.children),
+            search.goal,
+            search.space.geometry,
+            search.space.metric,
+            bounds(len(self._guides)),
+        )
+        return numbers
 
     def _favourite(self, guide: int) -> tuple[int, float]:
         """The node of least h, and that h by the root's at first."""
-        values = self._guides[guide].values(self._search.tree)
-        node = int(np.argmin(values))
-        h = float(values[node])
-        if np.isnan(self._lagging[guide]) and np.isfinite(h) and h > 0:
+        node, h = self._guides[guide].least(self._search.tree)
+        first = math.isnan(self._lagging[guide])
+        if first and 0 < h < math.inf:
             self._scale[guide] = h
-        return node, min(h / float(self._scale[guide]), 2.0)
-
-    def _trend(self, h: NDArray[np.float64]) -> NDArray[np.float64]:
-        self._lagging = np.where(np.isnan(self._lagging), h, self._lagging)
-        trend = 4 * (self._lagging - h)
-        self._lagging = _LAG * self._lagging + (1 - _LAG) * h
-        return trend
-
-
-def _logarithm(counts: NDArray[np.float64] | NDArray[np.int32]) -> NDArray[np.float64]:
-    out: NDArray[np.float64] = np.log1p(counts) / math.log(101)
-    return out
+        h = min(h / self._scale[guide], 2.0)
+        if first:
+            self._lagging[guide] = h
+        return node, h

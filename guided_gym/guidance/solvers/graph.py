@@ -6,9 +6,10 @@ included: the connection of a node to the graph is as unvalidated as the graph i
 
 from __future__ import annotations
 
+import math
 from abc import ABC, abstractmethod
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, Final
 
 import networkx as nx
 import numpy as np
@@ -16,13 +17,16 @@ from numpy.typing import NDArray
 
 from guided_gym.guidance.solvers.base import Floats, Query, Valid
 from guided_gym.guidance.subspace import Subspace
-from guided_gym.kernels.anchors import anchored_values_of, charge_anchors, link_anchors, linked_nodes
+from guided_gym.kernels.anchors import anchored_values_of, charge_anchors, enter_anchors, linked_nodes
 from guided_gym.structures.nearest import GrowingIndex
 from guided_gym.structures.segments import SegmentIndex
 from guided_gym.structures.shortest_paths import RoadmapGraph, ShortestPathTree
 
 Int32s = NDArray[np.int32]
 Ints = NDArray[np.int64]
+
+
+_NONE: Final = np.zeros(0, np.int64)
 
 
 @dataclass
@@ -55,7 +59,7 @@ class Graph:
         self.multipliers = np.ones(len(graph.edges))
         self.tree = ShortestPathTree.of(graph, goal)
         self._changed: list[NDArray[np.integer[Any]]] = []
-        self._removed: list[NDArray[np.int32]] = []  # edges, not taken out of the tree yet
+        self._removed: list[NDArray[np.int64]] = []  # edges, not taken out of the tree yet
 
     @property
     def distance(self) -> Floats:
@@ -72,28 +76,35 @@ class Graph:
 
     def raise_edges(self, edges: NDArray[np.integer[Any]], factor: float) -> None:
         """Add ``factor - 1`` times its length to the weight of some edges; infinite removes them."""
-        edges = np.asarray(edges, np.int32)
-        if edges.size == 0:
+        raised: Ints = np.asarray(edges, np.int64)
+        if raised.size == 0:
             return
-        if np.isinf(factor):
-            self.multipliers[edges] = np.inf
-            self._removed.append(np.asarray(edges, np.int32))
+        if factor == math.inf:
+            self.multipliers[raised] = np.inf
+            self._removed.append(raised)
         else:
             self._settle()
-            self.multipliers[edges] += factor - 1.0
-            self.tree.raise_weights(edges, self.lengths[edges] * self.multipliers[edges])
+            self.multipliers[raised] += factor - 1.0
+            self.tree.raise_weights(raised, self.lengths[raised] * self.multipliers[raised])
             # Anchors run along them, too.
-            self._changed += [self.edges[edges].ravel(), self.tree.changed.copy()]
+            self._changed += [self.edges[raised].ravel(), self.tree.changed.copy()]
 
     def remove_vertices(self, vertices: NDArray[np.int64]) -> None:
         """Remove some vertices with all their edges."""
         indptr, edge_of = self._graph.indptr, self._graph.edge_of
         self.raise_edges(np.concatenate([edge_of[indptr[v] : indptr[v + 1]] for v in vertices]), np.inf)
 
+    @property
+    def touched(self) -> bool:
+        """Whether any distance may have changed since the last call of `take_changes`."""
+        return bool(self._changed or self._removed)
+
     def take_changes(self) -> NDArray[np.int64]:
         """Vertices whose distance, or the weight of one of whose edges, has changed since the last call."""
         self._settle()
-        changes = np.concatenate(self._changed).astype(np.int64) if self._changed else np.zeros(0, np.int64)
+        if not self._changed:
+            return _NONE
+        changes = np.concatenate(self._changed).astype(np.int64)
         self._changed = []
         return changes
 
@@ -172,12 +183,13 @@ class GraphCostToGo(ABC):
         if self._nodes is None:
             self.graph.take_changes()
             self._nodes = AnchoredStates(self.query, len(self.graph.points))
-        nodes = self._nodes
-        changed = nodes.affected(self.graph.take_changes())
-        if changed.size:
-            self._h[changed] = self._values(nodes.anchors, changed)
-        if n > len(nodes):
-            first, fresh = len(nodes), np.ascontiguousarray(states[len(nodes) : n])
+        nodes, first = self._nodes, len(self._nodes)
+        if self.graph.touched or nodes.stale:
+            changed = nodes.affected(self.graph.take_changes())
+            if changed.size:
+                self._h[changed] = self._values(nodes.anchors, changed)
+        if n > first:
+            fresh = np.ascontiguousarray(states[first:n])
             nodes.append(fresh, self.joined(fresh))
             self._h[first:n] = self._values(nodes.anchors, np.arange(first, n))
         known = self._h[:n]
@@ -303,6 +315,11 @@ class AnchoredStates:
     def __len__(self) -> int:
         return self._n
 
+    @property
+    def stale(self) -> bool:
+        """Whether the anchors of a node have changed since the last call of `affected`."""
+        return bool(self._stale)
+
     def append(self, states: Floats, fresh: Anchors) -> None:
         """Take in the next nodes and their anchors."""
         first, last = self._n, self._n + len(fresh)
@@ -312,32 +329,29 @@ class AnchoredStates:
             self.anchors = Anchors(*(_grown(x, 2 * last) for x in columns))
             self._states = _grown(self._states[:first], 2 * last)
         self._states[first:last] = states
-        self._index.add_many(states)
         self._n = last
-        self._put(slice(first, last), fresh)
-        self._link(first, last, fresh.vertices.size)
+        self._room_for(fresh.vertices.size)
+        a, lists = self.anchors, (self._head, self._node_of, self._following)
+        held, new = (a.vertices, a.lengths, a.edges), (fresh.vertices, fresh.lengths, fresh.edges)
+        self._links, longest = enter_anchors(held, new, first, lists, self._links)
+        self.longest = max(self.longest, longest)
 
     def replace(self, rows: NDArray[np.int64], fresh: Anchors) -> None:
         """Give some nodes other anchors."""
-        self._put(rows, fresh)
-        for i in rows.tolist():
-            self._link(i, i + 1, fresh.vertices.shape[1])
+        self._room_for(fresh.vertices.size)
+        a, lists = self.anchors, (self._head, self._node_of, self._following)
+        for k, i in enumerate(rows.tolist()):
+            held = a.vertices, a.lengths, a.edges
+            row = slice(k, k + 1)
+            new = fresh.vertices[row], fresh.lengths[row], fresh.edges[row]
+            self._links, longest = enter_anchors(held, new, i, lists, self._links)
+            self.longest = max(self.longest, longest)
         self._stale.append(rows)
 
-    def _put(self, where: slice | NDArray[np.int64], fresh: Anchors) -> None:
-        a = self.anchors
-        a.vertices[where], a.lengths[where], a.edges[where] = fresh.vertices, fresh.lengths, fresh.edges
-        finite = fresh.lengths[np.isfinite(fresh.lengths)]
-        if finite.size:
-            self.longest = max(self.longest, float(finite.max()))
-
-    def _link(self, first: int, last: int, size: int) -> None:
-        needed = self._links + size
+    def _room_for(self, links: int) -> None:
+        needed = self._links + links
         if needed > self._node_of.size:
             self._node_of, self._following = (_grown(x, 2 * needed) for x in (self._node_of, self._following))
-        self._links = link_anchors(
-            self.anchors.vertices, first, last, self._head, self._node_of, self._following, self._links
-        )
 
     def states(self, rows: NDArray[np.int64]) -> Floats:
         """(r, d') states of some nodes."""
@@ -345,6 +359,9 @@ class AnchoredStates:
 
     def charge(self, state: Floats, reach: float, factor: float, points: Floats) -> None:
         """Have the anchors that pass near a state pay for it."""
+        known = len(self._index)  # of some graphs nobody asks for the nodes near a state
+        if known < self._n:
+            self._index.add_many(self._states[known : self._n])
         rows = self._index.within(state, reach + self.longest)
         a = self.anchors
         charge_anchors(
@@ -359,7 +376,7 @@ class AnchoredStates:
         self._stale = []
         if vertices.size:
             rows.append(linked_nodes(vertices, self._head, self._node_of, self._following, self._n))
-        return np.concatenate(rows) if rows else np.zeros(0, np.int64)
+        return np.concatenate(rows) if rows else _NONE
 
 
 def _grown(array: NDArray[Any], rows: int) -> NDArray[Any]:

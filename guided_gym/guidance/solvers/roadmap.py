@@ -11,7 +11,7 @@ from guided_gym.checks import integer
 from guided_gym.geometry.space import ConfigurationSpace
 from guided_gym.guidance.solvers.base import Floats, Query
 from guided_gym.guidance.solvers.graph import Anchors, Graph, GraphCostToGo, Ints
-from guided_gym.kernels.anchors import candidate_values, nearest_anchors, segments_touched
+from guided_gym.kernels.anchors import candidate_values, charged_anchors, nearest_anchors, segments_touched
 from guided_gym.kernels.metric import Metric
 from guided_gym.structures.nearest import GrowingIndex
 from guided_gym.structures.segments import SegmentIndex
@@ -24,7 +24,7 @@ from guided_gym.structures.shortest_paths import (
 
 _NETS: Final = 8  # roadmaps of one kind that a search may get: drawn once, and used again
 _FINER: Final = 6  # each has half as many vertices again: where no path exists, there must be a last one
-_AROUND: Final = 8  # times as many vertices around candidates as each of them has anchors
+_AROUND: Final = 12  # times as many vertices around candidates as each of them has anchors
 
 
 class _Net(NamedTuple):
@@ -78,7 +78,10 @@ class Roadmap(GraphCostToGo):
             ids, lengths = ids[free], lengths[free]
         self._near_goal = ids
         points = np.vstack([self._net.points, goal])
-        return Graph(points, with_vertex(self._net.graph, ids, lengths), len(points) - 1)
+        graph = with_vertex(self._net.graph, ids, lengths)
+        ends = points[graph.edges[len(self._net.graph.lengths) :]]
+        self._own = np.ascontiguousarray(ends[:, 0]), np.ascontiguousarray(ends[:, 1])  # edges of the goal
+        return Graph(points, graph, len(points) - 1)
 
     def anchor(self, states: Floats) -> Anchors:
         """Join each state to its nearest vertices, or to the goal where that is nearer."""
@@ -94,6 +97,15 @@ class Roadmap(GraphCostToGo):
             self.looks += free.size
             anchors.lengths[~free.reshape(lengths.shape)] = np.inf
         return anchors
+
+    def joined(self, states: Floats) -> Anchors:
+        """Join the nodes of a tree to the graph, and have the anchors pay for what was raised near them."""
+        points = self.graph.points
+        count = min(self.anchors, len(points) - 1)
+        if not self._lazy or count == 0:
+            return super().joined(states)
+        nearest, metric = self._net.nearest.state, self.query.space.metric
+        return Anchors(*charged_anchors(states, nearest, points, count, self.taught.arrays, metric))
 
     def __call__(self, states: Floats) -> Floats:
         """(n, d') states to (n,) cost-to-go; candidates around a node share the search for vertices."""
@@ -120,10 +132,8 @@ class Roadmap(GraphCostToGo):
     def edges_near(self, state: Floats, reach: float) -> Ints:
         """Edges that pass within ``reach`` of a state; the goal's own come last."""
         edges, m = self._net.segments.within(state, reach), len(self._net.graph.lengths)
-        ends = self.graph.points[self.graph.edges[m:]]
-        tails, heads = np.ascontiguousarray(ends[:, 0]), np.ascontiguousarray(ends[:, 1])
-        own = segments_touched(tails, heads, state, reach, self.query.space.metric)
-        return np.concatenate([edges, own + m])
+        own = segments_touched(*self._own, state, reach, self.query.space.metric)
+        return np.concatenate([edges, own + m]) if own.size else edges
 
     def vertices_near(self, state: Floats, reach: float) -> Ints:
         """Vertices within ``reach`` of a state; the goal is none of them."""

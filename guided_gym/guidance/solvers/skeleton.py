@@ -15,7 +15,7 @@ from guided_gym.errors import InvalidInputError
 from guided_gym.geometry.environment import Environment
 from guided_gym.guidance.solvers.base import require_body, require_dimensions
 from guided_gym.guidance.solvers.graph import Anchors, Graph, GraphCostToGo
-from guided_gym.kernels.anchors import nearest_segments
+from guided_gym.kernels.anchors import edge_anchors, nearest_segments
 from guided_gym.structures.shortest_paths import graph_from_edges
 
 _SAMPLES_PER_DIAGONAL = 100  # boundary samples along a line as long as the workspace's diagonal
@@ -236,11 +236,8 @@ class Skeleton(GraphCostToGo):
 
     def anchor(self, states: NDArray[np.float64]) -> Anchors:
         """Join each state to both ends of its nearest skeleton edge."""
-        e, fraction, _ = nearest_segments(states, self._tails, self._heads)
-        along = fraction * self.graph.lengths[e]
-        lengths = np.stack([along, self.graph.lengths[e] - along], axis=1)
-        lengths[self.query.space.environment.clearance(states) <= 0] = np.inf
-        return Anchors(self.graph.edges[e], lengths, np.repeat(e[:, None], 2, axis=1))
+        graph, geometry = self.graph, self.query.space.environment.point_geometry
+        return Anchors(*edge_anchors(states, self._tails, self._heads, graph.edges, graph.lengths, geometry))
 
     def _charge(self, states: NDArray[np.float64], anchors: Anchors) -> None:
         """Nothing: anchors run along edges, and grow with them."""
@@ -251,7 +248,10 @@ class Skeleton(GraphCostToGo):
     def edges_near(self, state: NDArray[np.float64], reach: float) -> NDArray[np.int64]:
         """The edge that a state is joined to, and those that pass within ``reach`` of it."""
         nearest = nearest_segments(state[None], self._tails, self._heads)[0].astype(np.int64)
-        return np.union1d(nearest, super().edges_near(state, reach)) if reach > 0 else nearest
+        if reach == 0:
+            return nearest
+        near = super().edges_near(state, reach)
+        return near if nearest[0] in near else np.insert(near, np.searchsorted(near, nearest), nearest)
 
     def vertices_near(self, state: NDArray[np.float64], reach: float) -> NDArray[np.int64]:
         """Vertices within ``reach`` of a state."""

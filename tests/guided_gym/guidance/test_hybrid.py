@@ -7,6 +7,7 @@ from collections.abc import Callable, Sequence
 import numpy as np
 import pytest
 
+from guided_gym.catalogue.table import make_distribution
 from guided_gym.errors import InvalidInputError, UnknownNameError
 from guided_gym.guidance.base import GuidingSpace
 from guided_gym.guidance.cells import Uninformed
@@ -155,3 +156,17 @@ def test_hybrid__refuses_the_same_guide_twice_and_unknown_ones() -> None:
         Hybrid([guide, guide])
     with pytest.raises(UnknownNameError, match="medial_axis"):
         make_guidance("rrt+medial_axes")
+
+
+def test_hybrid__least_is_what_values_say_however_often_it_is_asked() -> None:
+    search = Search(make_distribution("TrapCup").problem(0), *map(np.random.default_rng, (0, 1)))
+    hybrid = make_guidance("hybrid")
+    search.attach(hybrid)
+    for _ in range(60):
+        for guide in (hybrid, *hybrid.guides):
+            node, h = guide.least(search.tree)
+            values = guide.values(search.tree)
+            assert (node, h) == (int(np.argmin(values)), values.min())
+            assert guide.least(search.tree) == (node, h)
+        node = hybrid.select(search.tree)
+        search.expand(node, hybrid.propose(search.tree, node))
