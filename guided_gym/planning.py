@@ -5,8 +5,8 @@ from __future__ import annotations
 import contextlib
 import math
 import time
-from collections.abc import Callable
-from dataclasses import dataclass
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -14,14 +14,16 @@ import numpy as np
 from numpy.typing import NDArray
 
 from guided_gym.checks import integer
+from guided_gym.errors import InvalidInputError
 from guided_gym.guidance.base import GuidingSpace
-from guided_gym.guidance.registry import make_expander, make_guidance
+from guided_gym.guidance.registry import make_expander, make_searcher
 from guided_gym.measure.target import Measure, jensen_shannon, sampling_efficiency
 from guided_gym.options import SearchOptions
 from guided_gym.problems import Problem
 from guided_gym.randomness import streams
 from guided_gym.search.search import NO_NODE, Expansion, Proposer, Search
 from guided_gym.search.tree import SearchTree
+from guided_gym.search.watch import WatchedPlanner
 
 if TYPE_CHECKING:
     from guided_gym.traces.writing import TextSink, TraceWriter
@@ -68,6 +70,10 @@ class SearchResult:
         looks: How often the guiding space itself looked at the workspace in that time: configurations and
             motions that it had checked (certified ones count among the collision checks, too) or looked up in
             a raster.
+        tries: Motions of a watched planner that are no samples, by kind (see `guided_gym.search.watch`);
+            empty for guiding spaces.
+        colliding: (k, d) path that a planner returned, and that is not free by a certified look; such a
+            search is not solved.
     """
 
     problem: Problem
@@ -80,6 +86,8 @@ class SearchResult:
     preparation: float
     processor: float
     looks: int
+    tries: Mapping[str, int] = field(default_factory=dict)
+    colliding: NDArray[np.float64] | None = None
 
     @property
     def solved(self) -> bool:
@@ -117,7 +125,7 @@ class SearchResult:
 
 def guided_search(
     problem: Problem,
-    guidance: GuidingSpace | str,
+    guidance: GuidingSpace | WatchedPlanner | str,
     *,
     seed: int | None = None,
     max_samples: int = 1000,
@@ -132,7 +140,8 @@ def guided_search(
 
     Args:
         problem: The problem to solve.
-        guidance: The guiding space that selects nodes, or its name.
+        guidance: The guiding space that selects nodes, or its name; or a planner that selects and expands by
+            itself, such as ``"ompl:RRT"``, which takes no ``expansion`` and has no ``distributions``.
         seed: Seed of every random choice; the same seed gives the same tree.
         max_samples: Samples after which to give up.
         expansion: Who proposes x_new: None for ``guidance`` itself, ``"uniform"`` for the ball, or another
@@ -145,46 +154,67 @@ def guided_search(
             lines (docs/replay.md); the search stays the same.
 
     Raises:
-        InvalidInputError: An argument of the wrong type, max_samples no positive integer, or the seed no
-            integer >= 0.
+        InvalidInputError: An argument of the wrong type, max_samples no positive integer, the seed no
+            integer >= 0, or an option that a planner of its own mind cannot have.
         StorageError: The trace cannot be written.
         NoPathError: ``measure`` is on and no path joins start and goal.
         UnknownNameError: No guiding space has that name.
     """
     max_samples = integer("max_samples", max_samples, least=1)
-    guidance = make_guidance(guidance)
+    guidance = make_searcher(guidance)
+    if isinstance(guidance, WatchedPlanner):
+        check_watched(guidance, expansion, distributions, options or SearchOptions())
+        if trace is not None and not guidance.traceable:
+            raise InvalidInputError(
+                f"trace: expected a planner whose nodes are all samples of one tree, got {guidance.expression}"
+            )
     _, expansion_rng, guidance_rng = streams(seed)
     search = Search(problem, expansion_rng, guidance_rng, options)
     metric = Measure(search) if measure else None  # solves the oracle before the clock starts
     began = time.perf_counter()
-    search.attach(guidance)
-    propose = proposer(search, expansion)  # another guiding space has to be prepared, too
+    propose = None
+    if isinstance(guidance, WatchedPlanner):
+        guidance.prepare(search)
+    else:
+        search.attach(guidance)
+        propose = proposer(search, expansion)  # another guiding space has to be prepared, too
     preparation = time.perf_counter() - began
+    guide = None if isinstance(guidance, WatchedPlanner) else guidance
     # Distribution and trace are asked for sample by sample, so such a search runs in no bursts.
-    if (distributions or trace is not None) and propose is None:
-        propose = guidance.propose
+    if guide is not None and (distributions or trace is not None) and propose is None:
+        propose = guide.propose
     labels = {"guidance": _label(guidance), "expansion": None if expansion is None else _label(expansion)}
     with _traced(trace) as writer:
-        recorder = _Recorder(search, guidance, metric, distributions, writer)
+        recorder = _Recorder(search, guide, metric, distributions, writer)
         if writer is not None:
-            writer.begin(search, guide=guidance, measure=metric, seed=seed, labels=labels)
+            writer.begin(search, guide=guide, measure=metric, seed=seed, labels=labels)
         began, burnt = time.perf_counter(), time.process_time()
-        search.run(guidance, max_samples, propose=propose, watcher=recorder, progress=progress)
+        if isinstance(guidance, WatchedPlanner):
+            guidance.run(search, max_samples, watcher=recorder, progress=progress)
+        else:
+            search.run(guidance, max_samples, propose=propose, watcher=recorder, progress=progress)
         seconds = time.perf_counter() - began - recorder.seconds
         processor = time.process_time() - burnt - recorder.seconds
         if writer is not None:
             writer.end(search.path())
+    path, colliding = search.path(), None
+    if path is not None and not (
+        search.tree.certified or search.space.motions_free(path[:-1], path[1:]).all()
+    ):
+        path, colliding = None, path
     return SearchResult(
         problem,
         search.options,
         search.tree,
-        search.path(),
+        path,
         recorder.record(),
         search.collision_checks,
         seconds,
         preparation,
         max(processor, 0.0),  # two clocks: that of the processor is dear to read at each sample
         search.looks,
+        search.tries,
+        colliding,
     )
 
 
@@ -196,10 +226,30 @@ def _traced(place: str | Path | TextSink | None) -> contextlib.AbstractContextMa
     return TraceWriter(place)
 
 
-def _label(guidance: GuidingSpace | str) -> str:
+def _label(guidance: GuidingSpace | WatchedPlanner | str) -> str:
     if isinstance(guidance, str):
         return guidance
     return guidance.expression or guidance.name or type(guidance).__name__
+
+
+def check_watched(
+    planner: WatchedPlanner, expansion: object, distributions: bool, options: SearchOptions
+) -> None:
+    """Refuse what a planner that selects and expands by itself cannot be told.
+
+    Raises:
+        InvalidInputError: There is such an option.
+    """
+    for option, given in (
+        ("expansion", expansion is not None),
+        ("distributions", distributions),
+        ("rewire", options.rewire),
+    ):
+        if given:
+            raise InvalidInputError(
+                f"{option}: expected a guiding space with it; {planner.expression or planner.name} is a "
+                "planner that selects and expands by itself"
+            )
 
 
 def proposer(search: Search, expansion: GuidingSpace | str | None) -> Proposer | None:
@@ -223,7 +273,7 @@ class _Recorder:
     def __init__(
         self,
         search: Search,
-        guidance: GuidingSpace,
+        guidance: GuidingSpace | None,
         metric: Measure | None,
         distributions: bool,
         trace: TraceWriter | None = None,
@@ -240,7 +290,7 @@ class _Recorder:
         row = [node, NO_NODE, len(self._search.tree), np.nan, np.nan, np.nan, np.nan]
         if self._metric is not None:
             row[3], row[6] = self._metric.choice(node)
-            if self._distributions:
+            if self._distributions and isinstance(self._guidance, GuidingSpace):
                 p, q = self._guidance.distribution(self._search.tree), self._metric.distribution()
                 row[4], row[5] = sampling_efficiency(p, q), jensen_shannon(p, q)
         self._rows.append(row)

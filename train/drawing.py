@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from guided_gym.catalogue.table import make_distribution
+from guided_gym.guidance.base import GuidingSpace
 from guided_gym.train import figures
 from guided_gym.train.claims import DATABASE_SIZES, DRAWN, PROBLEMS, database_label
 from guided_gym.train.evaluation import Plan, run_once
@@ -22,9 +23,9 @@ from guided_gym.train.statistics import Interval, bootstrap
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-    from guided_gym.guidance.base import GuidingSpace
     from guided_gym.planning import SearchResult
     from guided_gym.problems import Problem
+    from guided_gym.search.watch import WatchedPlanner
 
 SMOOTHING = 10  # samples that a curve is averaged over, to be readable
 _PANELS = 8  # trees or guiding spaces in one figure
@@ -37,7 +38,7 @@ class _Example:
     """One search run again for a picture; the guiding space keeps what it has learnt."""
 
     title: str
-    guidance: GuidingSpace
+    guidance: GuidingSpace | WatchedPlanner
     problem: Problem
     result: SearchResult
 
@@ -228,7 +229,6 @@ def _examples_drawn(prefix: str, examples: list[_Example]) -> Named:
         f"{prefix}trees",
         figures.search_trees([(one.title, one.result, one.problem) for one in examples]),
     )
-    yield (
-        f"{prefix}guiding-spaces",
-        figures.guiding_spaces([(one.title, one.guidance, None) for one in examples]),
-    )
+    spaces = [(one.title, one.guidance, None) for one in examples if isinstance(one.guidance, GuidingSpace)]
+    if spaces:  # planners of other libraries have none to draw
+        yield f"{prefix}guiding-spaces", figures.guiding_spaces(spaces)

@@ -15,10 +15,11 @@ from numpy.typing import NDArray
 from guided_gym.checks import integer
 from guided_gym.compute.workers import map_tasks
 from guided_gym.errors import GuidedGymError, InvalidInputError, NoPathError, StorageError
-from guided_gym.planning import SearchResult
+from guided_gym.planning import SearchResult, check_watched
 from guided_gym.problems import Problem
+from guided_gym.search.watch import WatchedPlanner
 from guided_gym.train.identity import problem_identity
-from guided_gym.train.protocols import sample_entropy, search_once
+from guided_gym.train.protocols import guiding_space, sample_entropy, search_once
 from guided_gym.train.results import RESULTS_FILE, Results, ResultsFile, Run, Skipped, grid_cells
 from guided_gym.train.specs import (
     DATABASE_GUIDANCE,
@@ -196,7 +197,12 @@ def check_plans(plans: Sequence[Plan]) -> None:
 
     for plan in plans:
         make_distribution(plan.environment)
-        made(plan.spec)
+        searcher = made(plan.spec)
+        if isinstance(searcher, WatchedPlanner):
+            settings = plan.settings
+            if settings.protocol != "whole":
+                guiding_space(searcher, f"the protocol {settings.protocol!r}")
+            check_watched(searcher, settings.expansion, settings.distributions, settings.search_options())
         if plan.settings.expansion is not None:
             make_expander(plan.settings.expansion)
     labels = [(plan.environment, plan.spec.label) for plan in plans]

@@ -11,6 +11,7 @@ from typing import Any
 
 import numpy as np
 
+from guided_gym.errors import InvalidInputError
 from guided_gym.storage.path_file import PathDatabase
 
 Rows = list[tuple[str, str]]
@@ -37,6 +38,7 @@ def overview() -> dict[str, Rows]:
             (name, f"On problems of {problems}; the action is the guiding space that guides.")
             for name, problems in SELECTIONS.items()
         ],
+        "OMPL's planners": _ompl(),
         "Robots": [(name, _first_line(getattr(Robot, name).__doc__)) for name in _ROBOTS],
     }
 
@@ -58,6 +60,18 @@ def _shipped() -> Rows:
         problems = ", ".join(card["training"]["environments"])
         rows.append((f"learned:{name}", f"{what}, for problems like {problems}."))
     return rows
+
+
+def _ompl() -> Rows:
+    """The planners of OMPL that its wheel binds, and those that it lacks."""
+    from guided_gym.planners import ompl
+
+    try:
+        names, missing = ompl.planner_names(), ompl.missing_planners()
+    except InvalidInputError as error:
+        return [("ompl:...", str(error))]
+    rows = [(f"ompl:{name}", ompl.SUMMARIES.get(name, "")) for name in names]
+    return [*rows, ("not in this wheel", ", ".join(missing))]
 
 
 def _first_line(text: str | None) -> str:

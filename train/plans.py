@@ -25,6 +25,7 @@ from guided_gym.options import SearchOptions
 from guided_gym.problems import Problem, Task
 from guided_gym.randomness import streams
 from guided_gym.search.search import Search
+from guided_gym.train.protocols import guiding_space
 from guided_gym.train.specs import GuidanceSpec
 from guided_gym.trajectories import headings, path_clearance, path_length, smooth
 
@@ -186,7 +187,7 @@ def chosen_guidance(space: ConfigurationSpace, text: str) -> GuidingSpace:
         UnknownNameError: No such guidance or option.
     """
     if text != AUTO:
-        return GuidanceSpec.parse(text).make()
+        return guiding_space(GuidanceSpec.parse(text).make(), "plan")
     xmin, ymin, xmax, ymax = space.environment.bounds
     least, turning = robot_widths(space.robot)
     size = max(turning, least) * _CELLS_A_ROBOT

@@ -18,6 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from guided_gym.errors import InvalidInputError
+from guided_gym.guidance.base import GuidingSpace
 from guided_gym.guidance.registry import make_guidance
 from guided_gym.kernels.metric import ball_samples
 from guided_gym.measure.target import Measure, entropy
@@ -26,12 +27,14 @@ from guided_gym.search.local_planner import LocalPlanner
 from guided_gym.search.search import NO_NODE
 
 if TYPE_CHECKING:
-    from guided_gym.guidance.base import GuidingSpace
     from guided_gym.planning import SearchResult
     from guided_gym.problems import Problem
+    from guided_gym.search.watch import WatchedPlanner
     from guided_gym.train.specs import EvaluationSettings
 
 PROTOCOLS: Final = ("whole", "selection", "expansion")
+SELECTION: Final = "the protocol 'selection'"
+EXPANSION: Final = "the protocol 'expansion'"
 SELECTOR: Final = "oracle"  # who selects for everybody where expansions are compared
 CHILDREN: Final = 64  # sampled children that an expansion is compared with
 ENTROPY_BINS: Final = 8  # along each axis of C
@@ -39,18 +42,21 @@ _STREAM: Final = 0x45585041  # of the sampled children, apart from the search's 
 
 
 def search_once(
-    problem: Problem, guidance: GuidingSpace, settings: EvaluationSettings, seed: int
+    problem: Problem, guidance: GuidingSpace | WatchedPlanner, settings: EvaluationSettings, seed: int
 ) -> SearchResult:
     """One measured search by the protocol of the settings.
 
     With the protocol ``expansion``, the SE of the record, and the least of it, are those of the expansions.
+
+    Raises:
+        InvalidInputError: A planner that selects and expands by itself, with a protocol other than ``whole``.
     """
     expansion: GuidingSpace | str | None = settings.expansion
     selector = guidance
     if settings.protocol == "selection":
-        expansion = settings.expansion or "uniform"
+        selector, expansion = guiding_space(guidance, SELECTION), settings.expansion or "uniform"
     elif settings.protocol == "expansion":
-        selector, expansion = make_guidance(SELECTOR), guidance
+        selector, expansion = make_guidance(SELECTOR), guiding_space(guidance, EXPANSION)
     result = guided_search(
         problem,
         selector,
@@ -64,6 +70,24 @@ def search_once(
         return result
     efficiency, best = expansion_efficiency(result, seed)
     return replace(result, record=replace(result.record, efficiency=efficiency, best=best))
+
+
+def guiding_space(searcher: GuidingSpace | WatchedPlanner, what: str) -> GuidingSpace:
+    """Who searches, if it is a guiding space.
+
+    Args:
+        searcher: Who searches.
+        what: What needs a guiding space, for the message.
+
+    Raises:
+        InvalidInputError: It is a planner that selects and expands by itself.
+    """
+    if isinstance(searcher, GuidingSpace):
+        return searcher
+    raise InvalidInputError(
+        f"{what}: expected a guiding space, got {searcher.expression}, a planner that selects and expands by "
+        "itself"
+    )
 
 
 def expansion_efficiency(

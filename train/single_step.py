@@ -27,7 +27,7 @@ from guided_gym.problems import Problem
 from guided_gym.randomness import streams
 from guided_gym.search.search import Search
 from guided_gym.train.evaluation import UNSUITABLE, Plan, as_specs, check_plans, checked_seeds, run_once
-from guided_gym.train.protocols import sample_targets
+from guided_gym.train.protocols import guiding_space, sample_targets
 from guided_gym.train.specs import EvaluationSettings, GuidanceSpec, import_modules, made
 from guided_gym.train.statistics import Interval, bootstrap, paired_difference
 from guided_gym.train.table import LEAST_PAIRS
@@ -35,6 +35,7 @@ from guided_gym.train.table import LEAST_PAIRS
 if TYPE_CHECKING:
     from rich.table import Table
 
+SINGLE_STEP = "single-step"
 MOMENTS = 4  # at which each search's tree is harvested
 
 
@@ -163,6 +164,8 @@ def single_step(
     specs, growers = as_specs(list(guidances)), as_specs(list(harvesters or guidances))
     settings = settings or EvaluationSettings()
     check_plans([Plan(environment, spec, settings) for spec in specs])
+    for spec in (*specs, *growers):
+        guiding_space(made(spec), SINGLE_STEP)
     plans = [Plan(environment, spec, settings) for spec in growers]
     check_plans(plans)
     tasks = [(plans, specs, seed, moments) for seed in checked_seeds(seeds)]
@@ -190,7 +193,7 @@ def _of_seed(task: _SeedTask) -> tuple[int, NDArray[np.float64]]:
         [
             (step.efficiency, step.best, step.divergence)
             for harvest in harvests
-            for step in steps(harvest, made(spec), seed)
+            for step in steps(harvest, guiding_space(made(spec), SINGLE_STEP), seed)
         ]
         for spec in specs
     ]

@@ -25,6 +25,7 @@ from guided_gym.train.results import RESULTS_VERSION
 if TYPE_CHECKING:
     from guided_gym.guidance.base import GuidingSpace
     from guided_gym.options import SearchOptions
+    from guided_gym.search.watch import WatchedPlanner
 
 LEARNED = f"{FAMILY}:"  # before the name or folder of a learned agent
 DATABASE_GUIDANCE = "path_database"  # the guidance that ``--database`` is for
@@ -101,15 +102,15 @@ class GuidanceSpec:
         """Whether a guidance is this one or part of it."""
         return any(call.name == guidance for call in _calls(self.call))
 
-    def make(self) -> GuidingSpace:
-        """The guiding space, made anew.
+    def make(self) -> GuidingSpace | WatchedPlanner:
+        """The guiding space, or the planner, made anew.
 
         Raises:
             UnknownNameError: No guidance or option of that name.
         """
-        from guided_gym.guidance.registry import make_guidance
+        from guided_gym.guidance.registry import make_searcher
 
-        return make_guidance(self.name, **dict(self.options))
+        return make_searcher(self.name, **dict(self.options))
 
 
 def _textual(value: Any) -> bool:
@@ -181,7 +182,7 @@ def _short(value: Any) -> str:
     return name if is_name(name) else text_of(name)
 
 
-def made(spec: GuidanceSpec) -> GuidingSpace:
+def made(spec: GuidanceSpec) -> GuidingSpace | WatchedPlanner:
     """A guiding space that this process keeps: some are dear to make, and each search resets it anyway.
 
     It is made anew where what its names stand for has changed: a class of yours, an agent, a database.
@@ -190,7 +191,7 @@ def made(spec: GuidanceSpec) -> GuidingSpace:
 
 
 @lru_cache(maxsize=16)
-def _made(spec: GuidanceSpec, spelling: str, stamp: tuple[Any, ...]) -> GuidingSpace:
+def _made(spec: GuidanceSpec, spelling: str, stamp: tuple[Any, ...]) -> GuidingSpace | WatchedPlanner:
     return spec.make()
 
 
@@ -281,7 +282,11 @@ def settings_content(environment: str, spec: GuidanceSpec, settings: EvaluationS
         "results_version": RESULTS_VERSION,
         "code": code_fingerprint(),
         "problem": _problem_content(environment),
-        "guidance": {"expression": _content(spec.call), **_agents_content(calls)},
+        "guidance": {
+            "expression": _content(spec.call),
+            **_agents_content(calls),
+            **_library_content(spec.call),
+        },
         "settings": asdict(settings),
         "yours": _yours(calls, distribution),
     }
@@ -300,12 +305,12 @@ def _problem_content(environment: str) -> str:
 
 def _yours(calls: Sequence[Call], *others: Any) -> dict[str, str]:
     """The code of yours behind the names in expressions, behind objects in them, and behind other things."""
-    from guided_gym.guidance.registry import parts
+    from guided_gym.guidance.registry import is_planner, parts
     from guided_gym.train.identity import code_identity
 
     found = list(others)
     for call, table in itertools.chain.from_iterable(map(parts, calls)):
-        if not (call.name.startswith(LEARNED) or table.is_built_in(call.name)):
+        if not (call.name.startswith(LEARNED) or is_planner(call) or table.is_built_in(call.name)):
             found.append(table.maker(call.name))
         found += call.arguments
         found += [option.value for option in call.options]
@@ -321,6 +326,18 @@ def _agents_content(expressions: Sequence[Call]) -> dict[str, Any]:
     from guided_gym.guidance.learned.agent import fingerprint as agent_fingerprint
 
     return {"agents": [agent_fingerprint(agent) for agent in agents]}
+
+
+def _library_content(call: Call) -> dict[str, Any]:
+    """The version of the library whose planner a call names."""
+    import importlib.metadata
+
+    from guided_gym.guidance.registry import is_planner
+
+    if not is_planner(call):
+        return {}
+    library = call.name.partition(":")[0]
+    return {library: importlib.metadata.version(library)}
 
 
 def fingerprint(content: Mapping[str, Any]) -> str:

@@ -16,6 +16,7 @@ from guided_gym.guidance.modifications import ENVIRONMENTS, ROBOTS
 from guided_gym.guidance.recipes import RECIPES, SOLVERS, recipe
 from guided_gym.guidance.rules import RULES
 from guided_gym.guidance.tables import SEVERAL, Maker, Table, expanded, register_kind, walk
+from guided_gym.search.watch import WatchedPlanner
 
 M = TypeVar("M", bound=Maker)
 
@@ -23,14 +24,15 @@ PAPERS_HYBRID = ("lazy_prm", "medial_axis")
 
 # Families of guiding spaces, ``"family:member"``: the module whose `guidance_class` knows the members. It is
 # imported by name, on demand, since the core imports nothing of the rooms above it.
-_FAMILIES: Final = {FAMILY: "guided_gym.guidance.learned.agent"}
+_PLANNERS: Final = {"ompl": "guided_gym.planners.ompl"}  # of planners that select and expand by themselves
+_FAMILIES: Final = {FAMILY: "guided_gym.guidance.learned.agent", **_PLANNERS}
 
 
 class _Guidances(Table):
     """The table of guiding spaces, with what is named by a family or by a module."""
 
     def maker(self, name: str, where: str = "") -> Maker:
-        """What is behind a name, behind ``"package.module:Class"``, or behind ``"learned:NAME"``.
+        """What is behind a name, ``"package.module:Class"``, ``"learned:NAME"`` or ``"ompl:NAME"``.
 
         Raises:
             UnknownNameError: No such name; the nearest one is suggested.
@@ -55,6 +57,11 @@ class _Guidances(Table):
         """The guiding space that a call in a text stands for."""
         if call.name == JOINED and not call.arguments and SEVERAL not in {o.name for o in call.options}:
             options.setdefault(SEVERAL, PAPERS_HYBRID)
+        if is_planner(call):
+            raise InvalidInputError(
+                f"guidance {call.name!r}: expected a guiding space here, got a planner that selects and "
+                "expands by itself; `evaluate` and `guided_search` take one"
+            )
         made = super().build(call, text, **options)
         if not isinstance(made, GuidingSpace):
             raise InvalidInputError(
@@ -62,6 +69,12 @@ class _Guidances(Table):
             )
         if call.name in self and made.name != call.name:  # a recipe: its parts do not know its name
             setattr(made, "name", call.name)  # noqa: B010  a class variable for all others
+        made.expression = str(call)
+        return made
+
+    def plan(self, call: Call, text: str, /, **options: Any) -> WatchedPlanner:
+        """The planner that a call in a text stands for."""
+        made: WatchedPlanner = super().build(call, text, **options)
         made.expression = str(call)
         return made
 
@@ -225,6 +238,34 @@ def make_guidance(guidance: GuidingSpace | Call | str, /, **options: Any) -> Gui
         raise InvalidInputError(f"guidance: expected a name or a guiding space, got {guidance!r}")
     made: GuidingSpace = GUIDANCES.make(guidance, **options)
     return made
+
+
+def is_planner(call: Call) -> bool:
+    """Whether a call names a planner that selects and expands by itself, such as ``ompl:RRT``."""
+    family, colon, _ = call.name.partition(":")
+    return bool(colon) and family in _PLANNERS
+
+
+def make_searcher(
+    searcher: GuidingSpace | WatchedPlanner | Call | str, /, **options: Any
+) -> GuidingSpace | WatchedPlanner:
+    """Whoever can search: a guiding space as of `make_guidance`, or a planner such as ``"ompl:RRT"``.
+
+    Raises:
+        UnknownNameError: No such guiding space, planner or option; the nearest one is suggested.
+        InvalidInputError: The expression or an option's value cannot be used, or the planner's library is
+            missing.
+    """
+    if isinstance(searcher, WatchedPlanner):
+        if options:
+            raise InvalidInputError(f"options {sorted(options)} need a name, got the instance {searcher!r}")
+        return searcher
+    if isinstance(searcher, str | Call):
+        text = str(searcher)
+        call = parse(text)
+        if is_planner(call):
+            return GUIDANCES.plan(call, text, **options)
+    return make_guidance(searcher, **options)
 
 
 def make_guides(guides: object) -> list[GuidingSpace]:

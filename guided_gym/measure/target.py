@@ -264,7 +264,7 @@ class Measure:
             q = tree.nodes.configurations[i]
             tau = float(self.oracle.cost_to_go(q))
             parent = int(tree.nodes.parents[i])
-            if NO_PARENT < parent < i:
+            if NO_PARENT < parent < i and tree.certified:
                 # The edge is free, so d_C can't change by more than its length.
                 edge = float(tree.nodes.costs[i] - tree.nodes.costs[parent])
                 tau = min(tau, float(self._tau[parent]) + edge)

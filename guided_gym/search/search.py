@@ -122,10 +122,11 @@ class Search:
         self.samples = 0
         self.collision_checks = 0
         self.looks = 0  # of the guiding space at the workspace, or at a raster of it
+        self.tries: dict[str, int] = {}  # motions of a watched planner that are no samples, by kind
         self.last: Expansion | None = None  # what became of the latest sample
         self._reached: list[tuple[int, float]] = []  # nodes that reach the goal, and the way from there
         if problem.begins_solved:
-            self._reach(0)
+            self.reach(0)
         self.collision_checks += self.task.by_edge
 
     def clone(self) -> Search:
@@ -139,6 +140,7 @@ class Search:
         other.planner = copy.copy(self.planner)
         other.planner.rng = copied(self.planner.rng)
         other.guidance_rng = copied(self.guidance_rng)
+        other.tries = dict(self.tries)
         other._reached = list(self._reached)
         if self.listeners:
             other.listeners = copy.deepcopy(self.listeners, self.shared_by(other))
@@ -242,7 +244,7 @@ class Search:
             if self.options.rewire:
                 self._rewire(child)
             if outcome != GREW:
-                self._reach(child)
+                self.reach(child)
             expansion = Expansion(node, target, child, None, outcome != GREW)
         self.last = expansion
         for listener in self.listeners:
@@ -315,10 +317,10 @@ class Search:
         self.samples += nodes + failures
         self.collision_checks += checks
         if reached:
-            self._reach(len(self.tree) - 1)
+            self.reach(len(self.tree) - 1)
 
-    def _reach(self, node: int) -> None:
-        """Take note of a node that reaches the goal."""
+    def reach(self, node: int) -> None:
+        """Take note of a node that reaches the goal, by the rule of the task."""
         q, task = self.tree.nodes.configurations[node], self.task
         # By nearness alone the path ends at the node.
         joined = task.by_edge and (task.tolerance == 0 or self.space.motion_free(q, self.goal))
@@ -352,6 +354,7 @@ class Search:
         if not self.solved:
             return None
         nodes = self.tree.configurations[self.tree.path_to(self.goal_node)]
-        if self.task.by_edge and self.space.motion_free(nodes[-1], self.goal):
+        there = bool((nodes[-1] == self.goal).all())
+        if self.task.by_edge and not there and self.space.motion_free(nodes[-1], self.goal):
             nodes = np.vstack([nodes, self.goal])
         return nodes

@@ -41,6 +41,7 @@ class SearchTree:
             tuple once they have grown.
         failed: The arrays of the failed expansions, likewise.
         rewirings: How many edges were replaced so far.
+        certified: Whether all edges are certified free; those of a planner that samples its motions are not.
 
     Args:
         space: The configuration space that the nodes live in.
@@ -66,6 +67,7 @@ class SearchTree:
         self.failed = Failures(np.zeros(capacity, np.int32), np.zeros((capacity, d)), np.zeros((capacity, d)))
         self._index: GrowingIndex | None = None
         self.rewirings = 0
+        self.certified = True
         self._append(root, NO_PARENT, 0.0, 0)
 
     def __len__(self) -> int:

@@ -1,0 +1,1 @@
+"""Planners of other libraries, as guidances: each is watched, see `guided_gym.search.watch`."""

@@ -1,0 +1,443 @@
+"""OMPL's planners by name, ``"ompl:RRTConnect"``: what its Python wheel binds (docs/ompl.md).
+
+OMPL is imported when a planner is asked for, never before: it is an extra.
+"""
+
+from __future__ import annotations
+
+import importlib
+import importlib.metadata
+import inspect
+import re
+import time
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
+from functools import cache
+from typing import Any, Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from guided_gym.checks import flag, integer, number
+from guided_gym.errors import InvalidInputError, UnknownNameError
+from guided_gym.planners.spaces import StateSpace
+from guided_gym.problems import Problem
+from guided_gym.randomness import streams
+from guided_gym.search.search import Search, Watcher
+from guided_gym.search.watch import State, Watch, WatchedPlanner
+
+FAMILY: Final = "ompl"
+MAJOR: Final = 2  # the version of OMPL whose planners we know
+SECONDS: Final = 60.0  # that a planner may take by default
+ANGLES: Final = ("round", "cut")
+
+SUMMARIES: Final = {
+    "RRT": "One tree; the node nearest to a sample, one step towards it.",
+    "RRTConnect": "Two trees that grow towards each other; the goal's tries have no SE.",
+    "RRTstar": "RRT that rewires its tree to shorten the ways.",
+    "InformedRRTstar": "RRTstar that samples where a shorter path may be, once it has one.",
+    "SORRTstar": "InformedRRTstar with its samples in order of promise.",
+    "KPIECE1": "One tree; the least explored cells of a projection first.",
+    "BKPIECE1": "KPIECE1 with two trees.",
+    "LBKPIECE1": "BKPIECE1 that checks its motions late.",
+    "BITstar": "Batches of samples; edges in order of the path that they promise.",
+    "AORRTC": "RRTConnect again and again, each time for a shorter path.",
+    "FMT": "One batch of samples; the tree grows in order of its cost from the start.",
+    "BFMT": "FMT with two trees.",
+    "PRM": "A roadmap of samples and motions between neighbours.",
+    "PRMstar": "PRM with as many neighbours as a shortest path needs.",
+}
+# Planners of OMPL 2.0 that a wheel may lack.
+OTHERS: Final = (
+    "ABITstar", "AITstar", "AnytimePathShortening", "BiEST", "BiTRRT", "BLITstar", "CForest", "EITstar",
+    "EST", "LazyLBTRRT", "LazyPRM", "LazyPRMstar", "LazyRRT", "LBTRRT", "Lightning", "pRRT", "ProjEST",
+    "pSBL", "RLRT", "RRTsharp", "RRTXstatic", "SBL", "SPARS", "SPARStwo", "SST", "STRIDE", "Thunder", "TRRT",
+)  # fmt: skip
+_NOT_OPTIONS: Final = ("Name", "ProblemDefinition", "ProjectionEvaluator", "DefaultConnectionStrategy")
+_TYPES: Final = {"float": float, "int": int, "bool": bool}
+_COMMON: Final = ("resolution", "seconds", "angles", "first")
+
+
+def bindings() -> Any:
+    """The package `ompl`.
+
+    Raises:
+        InvalidInputError: It is missing, cannot be loaded, or is of another major version.
+    """
+    try:
+        version = importlib.metadata.version("ompl")
+        package = importlib.import_module("ompl")
+        for part in ("base", "geometric", "util"):
+            importlib.import_module(f"ompl.{part}")
+    except (ImportError, OSError) as error:
+        raise InvalidInputError(
+            f"OMPL's planners need the package ompl: pip install 'guided-gym[ompl]' ({error})"
+        ) from error
+    if version.partition(".")[0] != str(MAJOR):
+        raise InvalidInputError(f"ompl: expected version {MAJOR}.x, got {version}")
+    return package
+
+
+def planner_names() -> list[str]:
+    """The planners that the installed wheel binds, in its order.
+
+    Raises:
+        InvalidInputError: As `bindings`.
+    """
+    ompl = bindings()
+    planner = ompl.base.Planner
+    members = vars(ompl.geometric).items()
+    return sorted(name for name, kind in members if isinstance(kind, type) and issubclass(kind, planner))
+
+
+def missing_planners() -> list[str]:
+    """Planners of OMPL that the installed wheel does not bind.
+
+    Raises:
+        InvalidInputError: As `bindings`.
+    """
+    return sorted(set((*SUMMARIES, *OTHERS)) - set(planner_names()))
+
+
+def guidance_class(member: str, make_guides: object = None) -> Callable[..., OmplPlanner]:
+    """What makes the planner of a name; its options are OMPL's parameters, ``setGoalBias`` as ``goal_bias``.
+
+    Args:
+        member: The planner's name in OMPL.
+        make_guides: Not needed here: no planner is made of guiding spaces.
+
+    Raises:
+        UnknownNameError: No such planner; the nearest one is suggested.
+        InvalidInputError: As `bindings`, or OMPL has the planner and its Python wheel has not.
+    """
+    return _maker(member)
+
+
+@cache
+def _maker(member: str) -> Callable[..., OmplPlanner]:
+    names = planner_names()
+    if member not in names:
+        if member in missing_planners():
+            version = importlib.metadata.version("ompl")
+            raise InvalidInputError(
+                f"guidance 'ompl:{member}': OMPL's Python wheel {version} does not bind this planner; "
+                f"expected one of {', '.join(names)}"
+            )
+        raise UnknownNameError("OMPL planner", member, names)
+    own = setters(member)
+
+    def make(**options: Any) -> OmplPlanner:
+        common = {name: options.pop(name) for name in _COMMON if name in options}
+        return OmplPlanner(member, options, **common)
+
+    known = inspect.signature(OmplPlanner.__init__).parameters
+    shared = [known[name] for name in _COMMON]
+    keyword = inspect.Parameter.KEYWORD_ONLY
+    setattr(  # noqa: B010  mypy knows no such attribute
+        make,
+        "__signature__",
+        inspect.Signature([*shared, *(inspect.Parameter(name, keyword, default=None) for name in own)]),
+    )
+    make.__doc__ = f"OMPL, watched. {SUMMARIES.get(member, member)}"
+    return make
+
+
+def setters(planner: str) -> dict[str, tuple[str, type]]:
+    """The parameters of a planner: name to OMPL's setter and the type that it takes, as its binding says."""
+    kind = getattr(bindings().geometric, planner)
+    found: dict[str, tuple[str, type]] = {}
+    for method in dir(kind):
+        words = re.fullmatch(r"set([A-Z]\w*)", method)
+        takes = re.search(r"\(self, \w+: (\w+)", getattr(kind, method).__doc__ or "")
+        if words and words[1] not in _NOT_OPTIONS and takes and takes[1] in _TYPES:
+            name = re.sub(r"(?<=[a-z0-9])(?=[A-Z])|(?<=[A-Z])(?=[A-Z][a-z])", "_", words[1]).lower()
+            found[name] = method, _TYPES[takes[1]]
+    return found
+
+
+def _checked(name: str, value: Any, kind: type) -> Any:
+    """A parameter's value, checked: OMPL takes whatever has the right type."""
+    if kind is bool:
+        return flag(name, value)
+    if kind is int:
+        return integer(name, value, least=1)
+    share = name.endswith(("_bias", "_fraction"))
+    value = number(name, value, least=0)
+    if share and value > 1:
+        raise InvalidInputError(f"{name}: expected a share, 0 to 1, got {value!r}")
+    return value
+
+
+@dataclass(frozen=True)
+class Alone:
+    """What a planner found unwatched, with OMPL's own check of motions.
+
+    Attributes:
+        path: (k, d) the path that it calls exact, None if there is none.
+        free: Whether the whole path is certified free.
+        processor: Processor time, its preparation included.
+        looks: States that OMPL looked at.
+        tree: The edges of its `PlannerData`, as pairs of states.
+    """
+
+    path: NDArray[np.float64] | None
+    free: bool
+    processor: float
+    looks: int
+    tree: list[tuple[State, State]]
+
+
+class OmplPlanner(WatchedPlanner):
+    """A planner of OMPL, watched as it plans.
+
+    Motions are checked by our certified check, or by OMPL's own way at a resolution. The search ends by the
+    rule of the task, as for guiding spaces: where it has ``goal_edge``, as soon as a node sees the goal.
+
+    Args:
+        planner: OMPL's name of it.
+        parameters: Its own parameters; None for OMPL's default. ``range`` is the step of the search by
+            default, as for guiding spaces, and 0 for OMPL's own choice (20 % of the extent).
+        resolution: 0 for certified motions; else how finely motions are sampled, relative to the extent, as
+            OMPL does (it takes 0.01 by default).
+        seconds: Wall time after which the planner has to give up; what it takes to measure counts.
+        angles: ``"round"``: circles, in OMPL's metric; ``"cut"``: plain numbers, in our metric.
+        first: Whether the search ends with the first path; else it goes on to its limit.
+
+    Raises:
+        UnknownNameError: No such parameter.
+        InvalidInputError: A value that cannot be used, or OMPL is missing.
+    """
+
+    def __init__(
+        self,
+        planner: str,
+        parameters: dict[str, Any] | None = None,
+        *,
+        resolution: float = 0.0,
+        seconds: float = SECONDS,
+        angles: str = "round",
+        first: bool = True,
+    ) -> None:
+        self.planner = planner
+        known = setters(planner)
+        self._parameters: list[tuple[str, Any]] = []
+        self._range: float | None = None
+        for name, value in (parameters or {}).items():
+            if name not in known:
+                raise UnknownNameError(f"option of guidance 'ompl:{planner}':", name, known)
+            if value is None:
+                continue
+            setter, kind = known[name]
+            self._parameters.append((setter, _checked(name, value, kind)))
+        self._ranged = "range" in known and not any(setter == "setRange" for setter, _ in self._parameters)
+        self.resolution = number("resolution", resolution, least=0, below=1)
+        self.seconds = number("seconds", seconds, above=0, what="time")
+        if angles not in ANGLES:
+            raise InvalidInputError(f"angles: expected {' or '.join(map(repr, ANGLES))}, got {angles!r}")
+        self.angles, self.first = angles, flag("first", first)
+        self._setup: _Setup | None = None
+        self.history: list[tuple[int, float]] = []
+
+    name = FAMILY
+
+    def __repr__(self) -> str:
+        return self.expression or f"ompl:{self.planner}"
+
+    def prepare(self, search: Search) -> None:
+        """Build OMPL's space, problem and planner."""
+        self._setup = self._built(search.problem, search.planner.step, search.guidance_rng)
+
+    def _built(self, problem: Problem, step: float, rng: np.random.Generator) -> _Setup:
+        ompl = bindings()
+        with quiet(ompl):
+            ompl.util.RNG.setSeed(int(rng.integers(1, 2**31 - 1)))  # before anything draws
+            setup = _Setup(ompl, problem, cut=self.angles == "cut")
+            planner = getattr(ompl.geometric, self.planner)(setup.information)
+            if self._ranged:
+                planner.setRange(step)
+            for setter, value in self._parameters:
+                getattr(planner, setter)(value)
+            setup.planner = planner
+        return setup
+
+    def run(
+        self,
+        search: Search,
+        limit: int,
+        *,
+        watcher: Watcher | None = None,
+        progress: Callable[[int], None] | None = None,
+    ) -> None:
+        """Plan, watched; a planner that was not prepared for this search is prepared now.
+
+        Raises:
+            InvalidInputError: OMPL refuses the space: some planners sample in some kinds of spaces only.
+        """
+        if self._setup is None:
+            self.prepare(search)
+        setup, self._setup = self._setup, None
+        assert setup is not None
+        self.history = []
+        if search.solved and self.first:
+            return
+        search.tree.certified = self.resolution == 0
+        states = setup.states
+        certified = search.space.motion_free
+        watch = Watch(
+            search,
+            limit,
+            (states.read(setup.start), states.read(setup.goal)),
+            states.configuration,
+            states.sampled_check(self.resolution) if self.resolution else certified,
+            states.length,
+            first=self.first,
+            watcher=watcher,
+            progress=progress,
+        )
+        setup.solve(self, self.seconds, watch)
+        self.history = watch.history
+
+    def alone(self, problem: Problem, *, seed: int | None = None, step: float | None = None) -> Alone:
+        """Plan unwatched, as OMPL's users do: its own check of motions, its own rule for the end.
+
+        Args:
+            problem: The problem.
+            seed: As that of `guided_search`: the same seed has OMPL draw the same numbers.
+            step: The range; 5 % of the workspace's diagonal by default.
+
+        Raises:
+            InvalidInputError: The planner has no resolution, or OMPL refuses the space.
+        """
+        if not self.resolution:
+            raise InvalidInputError("resolution: expected one above 0 for OMPL's own check, got 0")
+        _, expansion_rng, rng = streams(seed)
+        search = Search(problem, expansion_rng, rng)
+        began = time.process_time()
+        setup = self._built(problem, search.planner.step if step is None else step, rng)
+        setup.information.setStateValidityCheckingResolution(self.resolution)
+        path = setup.solve(self, self.seconds, None)
+        processor = time.process_time() - began
+        free = path is not None and bool(problem.space.motions_free(path[:-1], path[1:]).all())
+        return Alone(path, free, processor, setup.looks, setup.edges())
+
+
+class _Setup:
+    """OMPL's objects for one search. Nothing of ours that they hold refers to them: none could be freed."""
+
+    def __init__(self, ompl: Any, problem: Problem, cut: bool) -> None:
+        self.ompl, self.problem = ompl, problem
+        base = ompl.base
+        self.states = states = StateSpace(base, problem.space, cut)
+        self.information = base.SpaceInformation(states.ompl)
+        self.start, self.goal = states.state(problem.task.start), states.state(problem.task.goal)
+        self.definition = base.ProblemDefinition(self.information)
+        near = max(problem.task.tolerance, 1e-9 * problem.space.extent)
+        self.definition.setStartAndGoalStates(self.start, self.goal, near)
+        objective = base.PathLengthOptimizationObjective(self.information)
+        objective.setCostThreshold(objective.infiniteCost())  # so that each of them ends with its first path
+        self.definition.setOptimizationObjective(objective)
+        self.planner: Any = None
+        self.looks = 0
+
+    def solve(self, who: OmplPlanner, seconds: float, watch: Watch | None) -> NDArray[np.float64] | None:
+        """Run the planner; the path that it calls exact, if there is one."""
+        base = self.ompl.base
+        trouble: list[BaseException] = []
+        ending = base.timedPlannerTerminationCondition(seconds)
+        with quiet(self.ompl):
+            self._have_checked(watch, ending, trouble)
+            try:
+                self.information.setup()
+                self.planner.setProblemDefinition(self.definition)
+                self.planner.setup()
+                if watch is not None and not who.first:
+                    objective = self.definition.getOptimizationObjective()
+                    objective.setCostThreshold(base.Cost(0.0))
+                self.planner.solve(ending)
+            except RuntimeError as error:
+                if not trouble:
+                    raise InvalidInputError(
+                        f"{who!r}: OMPL refuses this robot's space ({str(error).splitlines()[0]}); "
+                        "angles=cut gives it one of plain numbers"
+                    ) from error
+            if trouble:
+                raise trouble[0]
+            return self._path()
+
+    def _have_checked(self, watch: Watch | None, ending: Any, trouble: list[BaseException]) -> None:
+        """Have OMPL ask us; what goes wrong is raised later, since OMPL's threads must not be left."""
+        space, read, configuration = self.problem.space, self.states.read, self.states.configuration
+        counts = [0]
+
+        def valid(state: Any) -> bool:
+            counts[0] += 1
+            try:
+                values = read(state)
+                if watch is not None:
+                    watch.look(values)
+                return bool(space.valid(configuration(values)))
+            except BaseException as error:
+                trouble.append(error)
+                ending.terminate()
+                return False
+
+        self._counts = counts
+        self.information.setStateValidityChecker(valid)
+        if watch is None:
+            return
+
+        def free(first: Any, second: Any) -> bool:
+            answer = False
+            try:
+                answer = not trouble and watch.motion(read(first), read(second))
+            except BaseException as error:
+                trouble.append(error)
+            if watch.over or trouble:
+                ending.terminate()
+            return answer
+
+        validator = _validator(self.ompl.base.MotionValidator)(self.information, free)
+        self.information.setMotionValidator(validator)
+
+    def _path(self) -> NDArray[np.float64] | None:
+        self.looks = self._counts[0]
+        if not self.definition.hasExactSolution():
+            return None
+        path = self.definition.getSolutionPath()
+        states = [self.states.read(path.getState(i)) for i in range(path.getStateCount())]
+        return np.array([self.states.configuration(state) for state in states])
+
+    def edges(self) -> list[tuple[State, State]]:
+        """The edges of the planner's own data."""
+        data = self.ompl.base.PlannerData(self.information)
+        self.planner.getPlannerData(data)
+        read = self.states.read
+        states = [read(data.getVertex(i).getState()) for i in range(data.numVertices())]
+        return [(states[i], states[j]) for i in range(len(states)) for j in data.getEdges(i)]
+
+
+@cache
+def _validator(kind: Any) -> Any:
+    """The class of OMPL's motion validator that asks a function of ours; one for all searches."""
+
+    class Validator(kind):  # type: ignore[misc]
+        def __init__(self, information: Any, check: Callable[[Any, Any], bool]) -> None:
+            super().__init__(information)
+            self._check = check
+
+        def checkMotion(self, first: Any, second: Any) -> bool:  # noqa: N802  OMPL's name
+            return self._check(first, second)
+
+    return Validator
+
+
+@contextmanager
+def quiet(ompl: Any) -> Iterator[None]:
+    """OMPL's messages are held back, and its level of them is as before afterwards."""
+    level = ompl.util.getLogLevel()
+    ompl.util.setLogLevel(ompl.util.LOG_NONE)
+    try:
+        yield
+    finally:
+        ompl.util.setLogLevel(level)

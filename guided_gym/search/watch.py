@@ -1,0 +1,252 @@
+"""Planners of other libraries: they select and expand by themselves, and are watched as they do.
+
+Whatever such a planner is, it asks whether motions are free. A motion leads from the state that the planner
+has selected to the one that it would like to reach: what the paper calls x_min and x_new. So the tree can be
+rebuilt from the questions, one by one, and each choice be measured on the tree as it stands.
+"""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from collections.abc import Callable
+from itertools import pairwise
+from typing import ClassVar, Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from guided_gym.kernels.metric import interpolate
+from guided_gym.search.search import NO_NODE, Expansion, Search, Watcher
+from guided_gym.search.tree import NO_PARENT, ROOT
+
+State = tuple[float, ...]
+"""A state in the other library's own numbers, by which it is known again."""
+
+ELSEWHERE: Final = "elsewhere"
+JOINING: Final = "joining"
+WITHIN: Final = "within"
+JOINED: Final = "joined"
+TRIES: Final = (ELSEWHERE, JOINING, WITHIN, JOINED)
+
+
+class WatchedPlanner(ABC):
+    """A planner that selects and expands by itself; `guided_search` takes one in place of a guiding space.
+
+    Attributes:
+        name: The name in tables and on the command line.
+        expression: The expression that it was made of, for messages.
+        traceable: Whether its samples alone tell its tree: one tree, never rewired, of certified motions.
+    """
+
+    name: ClassVar[str] = ""
+    expression: str = ""
+    traceable: bool = False
+
+    @abstractmethod
+    def prepare(self, search: Search) -> None:
+        """Get ready for a search: all that comes before the first motion."""
+
+    @abstractmethod
+    def run(
+        self,
+        search: Search,
+        limit: int,
+        *,
+        watcher: Watcher | None = None,
+        progress: Callable[[int], None] | None = None,
+    ) -> None:
+        """Plan, and rebuild the tree in ``search``; arguments as those of `Search.run`."""
+
+
+class Watch:
+    """What a planner's questions say about its tree.
+
+    T is the tree from the start. The first state of a motion is the one that the planner has selected, the
+    second its x_new; a goal tree passes them the other way round, and has looked at x_new before. So a motion
+
+    - from T to a state that is not in T is a sample: it is measured, and grows T where it is free;
+    - with no end in T belongs to a goal tree, or to a part of a roadmap that T has not reached
+      (`ELSEWHERE`): it counts apart, and has no SE;
+    - from elsewhere to T likewise (`JOINING`); where it is free, T grows all the same;
+    - with both ends in T offers another parent, or is one more edge of a roadmap (`WITHIN`): it counts apart,
+      and where it makes a way shorter, in the planner's own metric, the tree is rewired.
+
+    Where T reaches a state that has neighbours elsewhere, they become nodes, too (`JOINED`). The search ends
+    by the rule of the task, whatever the planner's own is, or when samples and tries elsewhere together are
+    as many as the limit.
+
+    Args:
+        search: The search; its tree grows.
+        limit: Tries to grow after which the planner has to give up.
+        states: Start and goal in the planner's numbers.
+        configuration: (d,) the configuration that a state stands for.
+        check: Whether the motion between two configurations is free.
+        length: Length of the straight motion between two states in the planner's metric.
+        first: Whether to end with the first path.
+        watcher: Who measures.
+        progress: Called with the number of samples so far.
+
+    Attributes:
+        over: Whether the search has ended: every later motion is answered with False.
+        history: (samples, length) of each path that was shorter than the one before.
+    """
+
+    def __init__(
+        self,
+        search: Search,
+        limit: int,
+        states: tuple[State, State],
+        configuration: Callable[[State], NDArray[np.float64]],
+        check: Callable[[NDArray[np.float64], NDArray[np.float64]], bool],
+        length: Callable[[State, State], float],
+        *,
+        first: bool = True,
+        watcher: Watcher | None = None,
+        progress: Callable[[int], None] | None = None,
+    ) -> None:
+        self._search, self._limit, self._first = search, limit, first
+        self._configuration, self._check, self._length = configuration, check, length
+        self._watcher, self._progress = watcher, progress
+        self._start, self._goal = states
+        self._nodes: dict[State, int] = {self._start: ROOT}
+        self._states: list[State] = [self._start]
+        self._links: dict[State, list[State]] = {}  # free motions with no end in T
+        self._looked: State | None = None
+        self._left = limit
+        self.over = search.solved and first
+        self.history: list[tuple[int, float]] = []
+        search.tries = dict.fromkeys(TRIES, 0)
+
+    def look(self, state: State) -> None:
+        """The planner has asked whether a state is valid."""
+        self._search.looks += 1
+        self._looked = None if state == self._start else state
+
+    def motion(self, first: State, second: State) -> bool:
+        """The planner asks whether a motion is free; False for every one once the search is over."""
+        if self.over:
+            return False
+        looked, self._looked = self._looked, None
+        one, other = self._nodes.get(first), self._nodes.get(second)
+        target = self._configuration(second)
+        if one is not None and other is None:
+            reversed_ = first == looked and (second in self._links or second == self._goal)
+            if not reversed_:
+                return self._sample(one, second, target)
+        search = self._search
+        q = self._configuration(first)
+        free = self._check(q, target)
+        search.collision_checks += 1
+        kind = (
+            ELSEWHERE
+            if one is None and other is None
+            else JOINING
+            if one is None or other is None
+            else WITHIN
+        )
+        search.tries[kind] += 1
+        self._left -= kind != WITHIN
+        if not free:
+            pass
+        elif one is not None and other is not None:
+            self._shorten(one, other)
+            self._shorten(other, one)
+        elif one is not None:
+            self._join(one, second, target)
+        elif other is not None:
+            self._join(other, first, q)
+        else:
+            self._links.setdefault(first, []).append(second)
+            self._links.setdefault(second, []).append(first)
+        self._note()
+        return free
+
+    def _sample(self, node: int, state: State, target: NDArray[np.float64]) -> bool:
+        """A motion from T to a state that is not in it."""
+        search, watcher = self._search, self._watcher
+        if watcher is not None:
+            watcher.before(node)
+        q = search.tree.nodes.configurations[node]
+        free = self._check(q, target)
+        search.samples += 1
+        search.collision_checks += 1
+        self._left -= 1
+        child, contact = NO_NODE, None
+        if free:
+            child = self._join(node, state, target)
+        else:
+            contact = interpolate(q, target, search.space.first_contact(q, target), search.space.metric)
+            search.tree.add_failure(node, target, contact)
+        search.last = Expansion(node, target, child, contact, search.solved)
+        if watcher is not None:
+            watcher.after(search.last)
+        if self._progress is not None:
+            self._progress(search.samples)
+        self._note()
+        return free
+
+    def _join(self, parent: int, state: State, q: NDArray[np.float64]) -> int:
+        """Add a state to T, and all that hangs together with it; returns its node."""
+        node = self._add(parent, state, q)
+        waiting = [state]
+        while waiting:
+            here = waiting.pop(0)
+            for neighbour in self._links.pop(here, ()):
+                if neighbour not in self._nodes:
+                    self._add(self._nodes[here], neighbour, self._configuration(neighbour))
+                    self._search.tries[JOINED] += 1
+                    waiting.append(neighbour)
+        return node
+
+    def _add(self, parent: int, state: State, q: NDArray[np.float64]) -> int:
+        search, task = self._search, self._search.task
+        a = search.tree.nodes.configurations[parent]
+        node = search.tree.add(q, parent, float(search.space.distance(a, q)))
+        self._nodes[state] = node
+        self._states.append(state)
+        if self._first and search.solved:
+            return node
+        if state == self._goal or (
+            task.tolerance > 0 and float(search.space.distance(q, search.goal)) <= task.tolerance
+        ):
+            search.reach(node)
+        elif task.by_edge and self._goal not in self._nodes:
+            search.collision_checks += 1
+            if self._check(q, search.goal):
+                self._see_goal(node, q)
+        return node
+
+    def _see_goal(self, node: int, q: NDArray[np.float64]) -> None:
+        """A free motion leads from a node to the goal."""
+        search = self._search
+        if search.tree.certified:
+            search.reach(node)
+        else:  # by the planner's own check: the path has to keep that edge
+            search.reach(search.tree.add(search.goal, node, float(search.space.distance(q, search.goal))))
+            self._states.append(self._goal)
+
+    def _note(self) -> None:
+        """After a motion: a shorter path, or the end."""
+        search = self._search
+        if search.solved:
+            cost = search.cost
+            if not self.history or cost < self.history[-1][1]:
+                self.history.append((search.samples, cost))
+            self.over = self.over or self._first
+        self.over = self.over or self._left <= 0
+
+    def _cost(self, node: int) -> float:
+        """Length of the way from the start in the planner's metric, added up from there as planners do."""
+        way = [self._states[i] for i in self._search.tree.path_to(node).tolist()]
+        return sum(self._length(a, b) for a, b in pairwise(way))
+
+    def _shorten(self, parent: int, child: int) -> None:
+        """Rewire ``child`` under ``parent`` if that is shorter; the motion between them is free."""
+        tree = self._search.tree
+        if int(tree.nodes.parents[child]) in (NO_PARENT, parent):
+            return
+        new = self._cost(parent) + self._length(self._states[parent], self._states[child])
+        if not new < self._cost(child):
+            return
+        a, b = tree.nodes.configurations[parent], tree.nodes.configurations[child]
+        tree.rewire(child, parent, float(self._search.space.distance(a, b)))
