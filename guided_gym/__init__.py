@@ -57,6 +57,7 @@ if TYPE_CHECKING:
         target,
     )
     from guided_gym.options import OracleOptions, SearchOptions, TargetParameters
+    from guided_gym.planners.ompl import OmplPlanner
     from guided_gym.planning import Record, SearchResult, guided_search
     from guided_gym.problems import Problem, Task
     from guided_gym.randomness import streams
@@ -111,6 +112,7 @@ _HOMES: dict[str, tuple[str, ...]] = {
         "target",
     ),
     "options": ("OracleOptions", "SearchOptions", "TargetParameters"),
+    "planners.ompl": ("OmplPlanner",),
     "planning": ("Record", "SearchResult", "guided_search"),
     "problems": ("Problem", "Task"),
     "randomness": ("streams",),
@@ -196,6 +198,7 @@ __all__ = [
     "NoPathError",
     "NodeColumn",
     "Observer",
+    "OmplPlanner",
     "Oracle",
     "OracleOptions",
     "PathDatabase",

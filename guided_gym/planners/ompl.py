@@ -10,8 +10,7 @@ import importlib.metadata
 import inspect
 import re
 import time
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cache
 from typing import Any, Final
@@ -21,7 +20,8 @@ from numpy.typing import NDArray
 
 from guided_gym.checks import flag, integer, number
 from guided_gym.errors import InvalidInputError, UnknownNameError
-from guided_gym.planners.spaces import StateSpace
+from guided_gym.options import SearchOptions
+from guided_gym.planners.query import Query
 from guided_gym.problems import Problem
 from guided_gym.randomness import streams
 from guided_gym.search.search import Search, Watcher
@@ -59,8 +59,9 @@ _TYPES: Final = {"float": float, "int": int, "bool": bool}
 _COMMON: Final = ("resolution", "seconds", "angles", "first")
 
 
+@cache
 def bindings() -> Any:
-    """The package `ompl`.
+    """The package `ompl`, looked for once.
 
     Raises:
         InvalidInputError: It is missing, cannot be loaded, or is of another major version.
@@ -143,6 +144,7 @@ def _maker(member: str) -> Callable[..., OmplPlanner]:
     return make
 
 
+@cache
 def setters(planner: str) -> dict[str, tuple[str, type]]:
     """The parameters of a planner: name to OMPL's setter and the type that it takes, as its binding says."""
     kind = getattr(bindings().geometric, planner)
@@ -222,7 +224,6 @@ class OmplPlanner(WatchedPlanner):
         self.planner = planner
         known = setters(planner)
         self._parameters: list[tuple[str, Any]] = []
-        self._range: float | None = None
         for name, value in (parameters or {}).items():
             if name not in known:
                 raise UnknownNameError(f"option of guidance 'ompl:{planner}':", name, known)
@@ -236,7 +237,7 @@ class OmplPlanner(WatchedPlanner):
         if angles not in ANGLES:
             raise InvalidInputError(f"angles: expected {' or '.join(map(repr, ANGLES))}, got {angles!r}")
         self.angles, self.first = angles, flag("first", first)
-        self._setup: _Setup | None = None
+        self._query: Query | None = None
         self.history: list[tuple[int, float]] = []
 
     name = FAMILY
@@ -245,21 +246,28 @@ class OmplPlanner(WatchedPlanner):
         return self.expression or f"ompl:{self.planner}"
 
     def prepare(self, search: Search) -> None:
-        """Build OMPL's space, problem and planner."""
-        self._setup = self._built(search.problem, search.planner.step, search.guidance_rng)
+        """Build OMPL's space, problem and planner; nothing where the search is over already.
 
-    def _built(self, problem: Problem, step: float, rng: np.random.Generator) -> _Setup:
-        ompl = bindings()
-        with quiet(ompl):
-            ompl.util.RNG.setSeed(int(rng.integers(1, 2**31 - 1)))  # before anything draws
-            setup = _Setup(ompl, problem, cut=self.angles == "cut")
-            planner = getattr(ompl.geometric, self.planner)(setup.information)
-            if self._ranged:
-                planner.setRange(step)
-            for setter, value in self._parameters:
-                getattr(planner, setter)(value)
-            setup.planner = planner
-        return setup
+        Raises:
+            InvalidInputError: OMPL refuses the space: some planners sample in some kinds of spaces only.
+        """
+        self.history = []
+        self._query = None
+        if not (search.solved and self.first):
+            self._query = self._ready(search, 0.0)
+
+    def _ready(self, search: Search, resolution: float) -> Query:
+        own = [("setRange", search.planner.step)] if self._ranged else []
+        return Query(
+            bindings(),
+            search.problem,
+            self.planner,
+            [*own, *self._parameters],
+            cut=self.angles == "cut",
+            seed=int(search.guidance_rng.integers(1, 2**31 - 1)),
+            resolution=resolution,
+            first=self.first,
+        )
 
     def run(
         self,
@@ -269,25 +277,16 @@ class OmplPlanner(WatchedPlanner):
         watcher: Watcher | None = None,
         progress: Callable[[int], None] | None = None,
     ) -> None:
-        """Plan, watched; a planner that was not prepared for this search is prepared now.
-
-        Raises:
-            InvalidInputError: OMPL refuses the space: some planners sample in some kinds of spaces only.
-        """
-        if self._setup is None:
-            self.prepare(search)
-        setup, self._setup = self._setup, None
-        assert setup is not None
-        self.history = []
-        if search.solved and self.first:
+        """Plan, watched, after `prepare`."""
+        query, self._query = self._query, None
+        if query is None:
             return
         search.tree.certified = self.resolution == 0
-        states = setup.states
-        certified = search.space.motion_free
+        states, certified = query.states, search.space.motion_free
         watch = Watch(
             search,
             limit,
-            (states.read(setup.start), states.read(setup.goal)),
+            query.ends,
             states.configuration,
             states.sampled_check(self.resolution) if self.resolution else certified,
             states.length,
@@ -295,7 +294,7 @@ class OmplPlanner(WatchedPlanner):
             watcher=watcher,
             progress=progress,
         )
-        setup.solve(self, self.seconds, watch)
+        query.solve(self.seconds, watch)
         self.history = watch.history
 
     def alone(self, problem: Problem, *, seed: int | None = None, step: float | None = None) -> Alone:
@@ -312,132 +311,10 @@ class OmplPlanner(WatchedPlanner):
         if not self.resolution:
             raise InvalidInputError("resolution: expected one above 0 for OMPL's own check, got 0")
         _, expansion_rng, rng = streams(seed)
-        search = Search(problem, expansion_rng, rng)
+        search = Search(problem, expansion_rng, rng, SearchOptions(step))
         began = time.process_time()
-        setup = self._built(problem, search.planner.step if step is None else step, rng)
-        setup.information.setStateValidityCheckingResolution(self.resolution)
-        path = setup.solve(self, self.seconds, None)
+        query = self._ready(search, self.resolution)
+        path = query.solve(self.seconds)
         processor = time.process_time() - began
         free = path is not None and bool(problem.space.motions_free(path[:-1], path[1:]).all())
-        return Alone(path, free, processor, setup.looks, setup.edges())
-
-
-class _Setup:
-    """OMPL's objects for one search. Nothing of ours that they hold refers to them: none could be freed."""
-
-    def __init__(self, ompl: Any, problem: Problem, cut: bool) -> None:
-        self.ompl, self.problem = ompl, problem
-        base = ompl.base
-        self.states = states = StateSpace(base, problem.space, cut)
-        self.information = base.SpaceInformation(states.ompl)
-        self.start, self.goal = states.state(problem.task.start), states.state(problem.task.goal)
-        self.definition = base.ProblemDefinition(self.information)
-        near = max(problem.task.tolerance, 1e-9 * problem.space.extent)
-        self.definition.setStartAndGoalStates(self.start, self.goal, near)
-        objective = base.PathLengthOptimizationObjective(self.information)
-        objective.setCostThreshold(objective.infiniteCost())  # so that each of them ends with its first path
-        self.definition.setOptimizationObjective(objective)
-        self.planner: Any = None
-        self.looks = 0
-
-    def solve(self, who: OmplPlanner, seconds: float, watch: Watch | None) -> NDArray[np.float64] | None:
-        """Run the planner; the path that it calls exact, if there is one."""
-        base = self.ompl.base
-        trouble: list[BaseException] = []
-        ending = base.timedPlannerTerminationCondition(seconds)
-        with quiet(self.ompl):
-            self._have_checked(watch, ending, trouble)
-            try:
-                self.information.setup()
-                self.planner.setProblemDefinition(self.definition)
-                self.planner.setup()
-                if watch is not None and not who.first:
-                    objective = self.definition.getOptimizationObjective()
-                    objective.setCostThreshold(base.Cost(0.0))
-                self.planner.solve(ending)
-            except RuntimeError as error:
-                if not trouble:
-                    raise InvalidInputError(
-                        f"{who!r}: OMPL refuses this robot's space ({str(error).splitlines()[0]}); "
-                        "angles=cut gives it one of plain numbers"
-                    ) from error
-            if trouble:
-                raise trouble[0]
-            return self._path()
-
-    def _have_checked(self, watch: Watch | None, ending: Any, trouble: list[BaseException]) -> None:
-        """Have OMPL ask us; what goes wrong is raised later, since OMPL's threads must not be left."""
-        space, read, configuration = self.problem.space, self.states.read, self.states.configuration
-        counts = [0]
-
-        def valid(state: Any) -> bool:
-            counts[0] += 1
-            try:
-                values = read(state)
-                if watch is not None:
-                    watch.look(values)
-                return bool(space.valid(configuration(values)))
-            except BaseException as error:
-                trouble.append(error)
-                ending.terminate()
-                return False
-
-        self._counts = counts
-        self.information.setStateValidityChecker(valid)
-        if watch is None:
-            return
-
-        def free(first: Any, second: Any) -> bool:
-            answer = False
-            try:
-                answer = not trouble and watch.motion(read(first), read(second))
-            except BaseException as error:
-                trouble.append(error)
-            if watch.over or trouble:
-                ending.terminate()
-            return answer
-
-        validator = _validator(self.ompl.base.MotionValidator)(self.information, free)
-        self.information.setMotionValidator(validator)
-
-    def _path(self) -> NDArray[np.float64] | None:
-        self.looks = self._counts[0]
-        if not self.definition.hasExactSolution():
-            return None
-        path = self.definition.getSolutionPath()
-        states = [self.states.read(path.getState(i)) for i in range(path.getStateCount())]
-        return np.array([self.states.configuration(state) for state in states])
-
-    def edges(self) -> list[tuple[State, State]]:
-        """The edges of the planner's own data."""
-        data = self.ompl.base.PlannerData(self.information)
-        self.planner.getPlannerData(data)
-        read = self.states.read
-        states = [read(data.getVertex(i).getState()) for i in range(data.numVertices())]
-        return [(states[i], states[j]) for i in range(len(states)) for j in data.getEdges(i)]
-
-
-@cache
-def _validator(kind: Any) -> Any:
-    """The class of OMPL's motion validator that asks a function of ours; one for all searches."""
-
-    class Validator(kind):  # type: ignore[misc]
-        def __init__(self, information: Any, check: Callable[[Any, Any], bool]) -> None:
-            super().__init__(information)
-            self._check = check
-
-        def checkMotion(self, first: Any, second: Any) -> bool:  # noqa: N802  OMPL's name
-            return self._check(first, second)
-
-    return Validator
-
-
-@contextmanager
-def quiet(ompl: Any) -> Iterator[None]:
-    """OMPL's messages are held back, and its level of them is as before afterwards."""
-    level = ompl.util.getLogLevel()
-    ompl.util.setLogLevel(ompl.util.LOG_NONE)
-    try:
-        yield
-    finally:
-        ompl.util.setLogLevel(level)
+        return Alone(path, free, processor, query.questions.looks, query.edges())

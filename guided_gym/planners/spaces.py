@@ -3,8 +3,8 @@
 OMPL adds up the distances of the parts of a compound space; ours is the root of the sum of their squares.
 Coordinates without a period become one real vector, scaled by their weights, whose distance is ours. Each
 angle becomes a circle of its own, so that a turn costs as much as in our metric, and one that also moves
-costs more: |dp| + w |dtheta| for a robot that turns. With ``cut`` angles are numbers between their limits like
-any other, OMPL's metric is ours, and nothing grows across the cut.
+costs more: |dp| + w |dtheta| for a robot that turns. With ``cut`` angles are numbers between their limits,
+OMPL's metric is ours, and nothing grows across the cut.
 """
 
 from __future__ import annotations
