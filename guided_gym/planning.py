@@ -166,7 +166,8 @@ def guided_search(
         check_watched(guidance, expansion, distributions, options or SearchOptions())
         if trace is not None and not guidance.traceable:
             raise InvalidInputError(
-                f"trace: expected a planner whose nodes are all samples of one tree, got {guidance.expression}"
+                "trace: expected a planner whose nodes are all samples of one tree, "
+                f"got {guidance.expression}"
             )
     _, expansion_rng, guidance_rng = streams(seed)
     search = Search(problem, expansion_rng, guidance_rng, options)

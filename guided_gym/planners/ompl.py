@@ -54,6 +54,7 @@ OTHERS: Final = (
     "EST", "LazyLBTRRT", "LazyPRM", "LazyPRMstar", "LazyRRT", "LBTRRT", "Lightning", "pRRT", "ProjEST",
     "pSBL", "RLRT", "RRTsharp", "RRTXstatic", "SBL", "SPARS", "SPARStwo", "SST", "STRIDE", "Thunder", "TRRT",
 )  # fmt: skip
+_ONE_TREE: Final = ("RRT", "KPIECE1", "FMT")  # whose every node is a sample, never rewired
 _NOT_OPTIONS: Final = ("Name", "ProblemDefinition", "ProjectionEvaluator", "DefaultConnectionStrategy")
 _TYPES: Final = {"float": float, "int": int, "bool": bool}
 _COMMON: Final = ("resolution", "seconds", "angles", "first")
@@ -237,6 +238,7 @@ class OmplPlanner(WatchedPlanner):
         if angles not in ANGLES:
             raise InvalidInputError(f"angles: expected {' or '.join(map(repr, ANGLES))}, got {angles!r}")
         self.angles, self.first = angles, flag("first", first)
+        self.traceable = planner in _ONE_TREE and self.resolution == 0 and self.first
         self._query: Query | None = None
         self.history: list[tuple[int, float]] = []
 

@@ -27,6 +27,7 @@ from guided_gym import (
     guided_search,
     make_distribution,
     make_guidance,
+    read_trace,
     streams,
 )
 from guided_gym.guidance.registry import make_searcher
@@ -447,6 +448,21 @@ def test_error_in_a_check__comes_back(cup: Problem, monkeypatch: pytest.MonkeyPa
 def test_where_a_guiding_space_is_needed__planners_are_refused(use: Callable[[], object]) -> None:
     with pytest.raises(InvalidInputError, match="expected a guiding space"):
         use()
+
+
+@pytest.mark.parametrize("name", ["RRT", "KPIECE1", "FMT"])
+def test_trace__grows_the_same_tree_again(name: str, cup: Problem, tmp_path: Path) -> None:
+    result = guided_search(cup, f"ompl:{name}", seed=0, max_samples=150, trace=tmp_path / "trace.jsonl")
+    tree = read_trace(tmp_path / "trace.jsonl").replay().tree
+    assert np.array_equal(tree.configurations, result.tree.configurations)
+    assert np.array_equal(tree.parents, result.tree.parents)
+    assert np.array_equal(tree.contacts, result.tree.contacts)
+
+
+@pytest.mark.parametrize("text", ["ompl:RRTConnect", "ompl:RRTstar", "ompl:RRT(resolution=0.01)"])
+def test_trace__of_what_samples_alone_do_not_tell_is_refused(text: str, cup: Problem, tmp_path: Path) -> None:
+    with pytest.raises(InvalidInputError, match="trace"):
+        guided_search(cup, text, seed=0, trace=tmp_path / "trace.jsonl")
 
 
 @pytest.mark.parametrize("option", [{"expansion": "uniform"}, {"distributions": True}])
