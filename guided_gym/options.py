@@ -46,28 +46,34 @@ class OracleOptions:
     """How exactly the oracle knows d_C, and what it may spend on it.
 
     Attributes:
-        resolution: Vertices of its grid along each axis of the configuration space; None chooses them by the
-            robot and the workspace, and refines until the estimated error is as small as asked.
+        resolution: Vertices of its grid along each axis of the configuration space, or ``(n,)`` for those of
+            its roadmap; None chooses them, and refines until the estimated error is as small as asked.
         mean: Estimated relative error that is asked for on average over free poses.
         tail: Likewise at the 99th percentile.
         budget: Vertices of its finest grid, at most. A million of them take some 0.5 s on one core and 50 MB;
-            a count, not a time, so that a problem has the same oracle on every machine.
+            a count, not a time, so that a problem has the same oracle on every machine. A vertex of a roadmap
+            counts as 200, since its motions have to be checked.
+        method: ``"grid"`` or ``"roadmap"``; None for a grid in 2 and 3 dimensions, a roadmap in more.
 
     Raises:
-        InvalidInputError: A resolution that is no 2 or 3 counts of at least 4, an error that is not positive,
-            or a budget below 10,000.
+        InvalidInputError: Another method, a resolution that is no 1 to 3 counts of at least 4, an error that
+            is not positive, or a budget below 10,000.
     """
 
     resolution: tuple[int, ...] | None = None
     mean: float = 0.01
     tail: float = 0.05
     budget: int = 4_000_000
+    method: str | None = None
 
     def __post_init__(self) -> None:
+        if self.method not in (None, "grid", "roadmap"):
+            raise InvalidInputError(f"method: expected 'grid', 'roadmap' or None, got {self.method!r}")
         if self.resolution is not None:
-            if not isinstance(self.resolution, tuple | list) or len(self.resolution) not in (2, 3):
+            if not isinstance(self.resolution, tuple | list) or len(self.resolution) not in (1, 2, 3):
                 raise InvalidInputError(
-                    f"resolution: expected 2 or 3 vertex counts, one for each axis, got {self.resolution!r}"
+                    "resolution: expected 2 or 3 vertex counts, one for each axis, or (n,) for a roadmap, "
+                    f"got {self.resolution!r}"
                 )
             counts = tuple(integer("resolution", n, least=4) for n in self.resolution)
             object.__setattr__(self, "resolution", counts)

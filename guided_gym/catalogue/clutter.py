@@ -13,7 +13,7 @@ from guided_gym.catalogue.shapes import ROBOT_WIDTH, SIZE, rectangle_robot
 from guided_gym.errors import NoPathError
 from guided_gym.geometry.environment import Environment
 from guided_gym.geometry.space import ConfigurationSpace
-from guided_gym.measure.oracle import grid_joins
+from guided_gym.measure.grid import grid_joins
 from guided_gym.problems import Problem, Task
 
 NAME: Final = "RandomClutter"

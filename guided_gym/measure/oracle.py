@@ -1,97 +1,49 @@
-"""The oracle: true shortest-path distances d_C in configuration spaces of up to three dimensions.
+"""The oracle: true shortest-path distances d_C, over a grid of up to three dimensions or over a roadmap.
 
 Nothing but the oracle guidance and the metric may use it (paper, section "Evaluation metric").
 """
 
 from __future__ import annotations
 
-import hashlib
-import math
 import threading
 from collections import OrderedDict
 from collections.abc import Sequence
-from dataclasses import dataclass
-from functools import cached_property, partial
-from typing import NamedTuple
+from dataclasses import replace
 
 import numpy as np
 import numpy.typing as npt
 
-from guided_gym.compute.workers import in_worker
-from guided_gym.errors import InvalidInputError, NoPathError, warn
+from guided_gym.errors import InvalidInputError
 from guided_gym.geometry.space import ConfigurationSpace
-from guided_gym.kernels import cost_grid as grid
-from guided_gym.kernels.cost_query import OracleState, cost_to_go_many, cost_to_go_one
-from guided_gym.kernels.eikonal import PAD, flood, improve, march
-from guided_gym.measure.certified import descent, divided, lengths_left
-from guided_gym.measure.oracle_store import FieldStore
-from guided_gym.measure.passages import any_narrow, passages
+from guided_gym.kernels.cost_query import OracleState
+from guided_gym.measure.grid import GridSolution
+from guided_gym.measure.roadmap import RoadmapSolution
+from guided_gym.measure.solution import (
+    Configurations,
+    FloatArray,
+    OracleError,
+    Solution,
+    valid_configuration,
+)
 from guided_gym.options import DEFAULT_ORACLE, OracleOptions
 
-FloatArray = npt.NDArray[np.float64]
-Configurations = FloatArray | Sequence[float] | Sequence[Sequence[float]]
-
-SOLVER_VERSION = 3
-"""Part of every cache key: raise it with any change that alters a field, its links or their layout."""
-
-_FIRST = {2: 100_000, 3: 180_000}
-"""Vertices of the first grid in a small workspace: some 30 and 50 ms on one core."""
-_SIDE = {2: 320, 3: 64}
-"""Vertices along the shorter side of the first grid in a small workspace."""
-_LINK = 0.55
-"""Links of the first grid are at most this part of the robot's radius, for one that turns."""
-_FINEST = {2: 4, 3: 2}
-"""How many times finer a grid may become for a start that is not connected."""
-_DEEPEST = {2: 2, 3: 1}
-"""Grids, each twice as fine as the one before, that are tried for a pose in a pocket."""
-_SIGHT = 8
-"""Links around the goal within which distances are made exact."""
-_POSES = 400
-"""Free poses at which two grids are compared."""
-_TRUST = 0.7
-"""Error of a grid as a part of its difference from one of half the resolution, see docs/oracle.md."""
-_ROUNDS = 4
-"""Waves after the first one, each of which may come through more narrow passages."""
-_STRIDES = (1.0, 0.5, 0.25)
-"""Steps of the descents from a start, in links; the first one alone where no gap is narrow."""
-_LOOK_AHEAD = 6
-"""Waypoints of a certified path, a link apart, that the vertices beside it are joined to."""
-_GAIN = 0.005
-"""Part of its cost-to-go by which a passage must bring a vertex nearer for another wave."""
 _REMEMBERED = 32
 """Oracles that `oracle_for` keeps in memory."""
-
-
-class OracleError(NamedTuple):
-    """Estimated relative error of an oracle over free poses, from a grid of half its resolution.
-
-    Attributes:
-        mean: On average.
-        tail: At the 99th percentile.
-    """
-
-    mean: float
-    tail: float
-
-    def __str__(self) -> str:
-        return f"{100 * self.mean:.2f} % on average, {100 * self.tail:.2f} % at the 99th percentile"
+_GRIDS = (2, 3)
+"""Dimensions that a grid covers, and covers better than a roadmap."""
 
 
 class Oracle:
-    """Shortest-path distances to one goal, d_C(q, t), on a grid fine enough for the problem.
+    """Shortest-path distances to one goal, d_C(q, t), as exact as its options ask or its budget allows.
 
-    A grid of poses over (x, y) or (x, y, theta), theta periodic, whose links are certified motions; the
-    eikonal equation solved over it from exact values around the goal; certified ways through gaps that the
-    grid may miss; interpolation between the vertices. Nothing leaks through walls, however thin. Distances
-    are in the metric of the space (length). The grid is refined until the error, estimated from a grid of
-    half the resolution, is as small as the options ask, or their budget is spent.
+    In two and three dimensions over a grid (`guided_gym.measure.grid`), in more over a roadmap
+    (`guided_gym.measure.roadmap`): motions are certified, so nothing leaks through walls, however thin.
+    Distances are in the metric of the space (length).
 
     Attributes:
         space: The configuration space.
-        goal: (d,) the goal t, read-only.
-        options: Resolution, error asked for, budget.
-        resolution: (d,) vertices along each axis.
-        state: What `guided_gym.kernels.cost_query.cost_to_go_one` takes, for compiled callers.
+        goal: (d,) the goal t.
+        options: Method, resolution, error asked for, budget.
     """
 
     def __init__(
@@ -107,43 +59,53 @@ class Oracle:
         """Solve, or load an earlier solution from the disk cache.
 
         Args:
-            space: Configuration space of dimension 2 or 3.
+            space: The configuration space.
             goal: (d,) a valid configuration.
             start: (d,) a valid configuration; if it is not connected to the goal, finer grids are tried (up
-                to 4 times finer in two dimensions, twice in three, within the budget).
-            resolution: Vertices along each axis of the grid, instead of what the options say.
-            options: Resolution, error asked for, budget; the default ones if None.
+                to 4 times finer in two dimensions, twice in three), or larger roadmaps, within the budget.
+            resolution: Vertices along each axis of the grid, or of the roadmap, instead of what the options
+                say.
+            options: Method, resolution, error asked for, budget; the default ones if None.
             cache: Whether to use the disk cache (`guided_gym.measure.oracle_store`).
 
         Raises:
-            InvalidInputError: A dimension above 3, a goal or start that is not valid, or an unusable
-                resolution.
-            NoPathError: No path from start to goal, as far as the finest grid can tell.
+            InvalidInputError: A grid of more than 3 dimensions, a goal or start that is not valid, or an
+                unusable resolution.
+            NoPathError: No path from start to goal, as far as the finest grid or largest roadmap can tell.
         """
-        if space.dimension not in _FIRST:
+        self.space = space
+        self.options = DEFAULT_ORACLE if options is None else options
+        method = self.options.method or ("grid" if space.dimension in _GRIDS else "roadmap")
+        if method == "grid" and space.dimension not in _GRIDS:
             raise InvalidInputError(
                 f"the oracle's grid covers spaces of 2 or 3 dimensions, got one of {space.dimension}"
             )
-        self.space = space
-        self.goal = _valid_configuration(space, goal, "goal")
-        self.options = DEFAULT_ORACLE if options is None else options
-        self._cache = cache
-        fixed = self.options.resolution if resolution is None else resolution
-        self._first = (
-            _first_resolution(space, self.options.budget) if fixed is None else _checked(space, fixed)
-        )
-        self._refinement, self._depth = 1, 0
-        self._error: OracleError | None = None
-        self._solve(estimated=fixed is None)
-        if start is not None:
-            self._reach(_valid_configuration(space, start, "start"), estimated=fixed is None)
-        if fixed is None:
-            self._refine()
-        if start is not None:
-            self._tighten(_valid_configuration(space, start, "start"))
+        self.goal = valid_configuration(space, goal, "goal")
+        begin = None if start is None else valid_configuration(space, start, "start")
+        asked = self.options if resolution is None else replace(self.options, resolution=tuple(resolution))
+        solve = GridSolution if method == "grid" else RoadmapSolution
+        self._solution: Solution = solve(space, self.goal, begin, asked, cache)
 
     def __repr__(self) -> str:
         return f"Oracle({self.space!r}, goal={self.goal.tolist()}, resolution={self.resolution})"
+
+    @property
+    def resolution(self) -> tuple[int, ...]:
+        """(d,) vertices along each axis of a grid; (1,) vertices of a roadmap."""
+        return self._solution.resolution
+
+    @property
+    def state(self) -> OracleState:
+        """What `guided_gym.kernels.cost_query.cost_to_go_one` takes, for compiled callers.
+
+        Where there is no grid, it knows no way from anywhere: such callers then ask `cost_to_go`.
+        """
+        return self._solution.state
+
+    @property
+    def error(self) -> OracleError:
+        """The estimated error; where the resolution was given, this solves something coarser when asked."""
+        return self._solution.error
 
     def cost_to_go(self, q: Configurations) -> FloatArray | float:
         """Distance d_C(q, t) of valid configurations: (n, d) -> (n,) float64, one (d,) -> float.
@@ -161,378 +123,39 @@ class Oracle:
                 f"expected configurations of shape ({self.space.dimension},) or (n, {self.space.dimension}), "
                 f"got shape {qs.shape}"
             )
-        if qs.ndim == 1:
-            cost = cost_to_go_one(qs, self.state)
-            if cost == math.inf and self.space.valid(qs) and self._finer is not None:
-                return self._finer.cost_to_go(qs)
-            return float(cost)
-        costs = cost_to_go_many(qs, self.state)
-        missing = np.isinf(costs)
-        if missing.any():
-            missing &= self.space.valid(qs)
-            if missing.any() and self._finer is not None:
-                costs[missing] = self._finer.cost_to_go(qs[missing])
-        return costs
+        return self._solution.cost(qs) if qs.ndim == 1 else self._solution.costs(qs)
 
     def connects(self, q: Configurations) -> bool:
-        """Whether this grid joins the configuration q to the goal; no finer one is tried.
+        """Whether this grid or roadmap joins the configuration q to the goal; no finer one is tried.
 
         Raises:
             InvalidInputError: q is not valid.
         """
-        return math.isfinite(cost_to_go_one(_valid_configuration(self.space, q, "configuration"), self.state))
+        return self._solution.connects(valid_configuration(self.space, q, "configuration"))
 
     @property
     def field(self) -> npt.NDArray[np.float32]:
-        """The solution at the vertices, shape `resolution`; infinite in collision and where not connected."""
-        field, links, frame, _ = self.state
-        shape = frame[grid.COUNT_X : grid.COUNT_X + 3].astype(int) + np.array([2 * PAD, 2 * PAD, 0])
-        values = np.where(links & grid.VALID, field, np.float32(np.inf)).reshape(shape)[PAD:-PAD, PAD:-PAD]
-        if self.space.dimension == 2:
-            return values[..., 0]
-        return np.roll(values, shape[2] // 2, axis=2)
+        """The solution at the vertices of a grid; see `GridSolution.field`.
+
+        Raises:
+            InvalidInputError: There is no grid.
+        """
+        return self._grid.field
 
     @property
     def axes(self) -> tuple[FloatArray, ...]:
-        """The coordinates of the vertices along each axis of `field`, ascending."""
-        frame = self.state[2]
-        axes = [
-            frame[grid.ORIGIN_X + a] + frame[grid.STEP_X + a] * np.arange(self.resolution[a]) for a in (0, 1)
-        ]
-        if self.space.dimension == 3:
-            n = self.resolution[2]
-            axes.append((np.arange(n) - n // 2) * frame[grid.STEP_THETA])
-        return tuple(axes)
-
-    @property
-    def error(self) -> OracleError:
-        """The estimated error; where the resolution was given, this solves half of it when first asked."""
-        if self._error is None:
-            self._error = self._compared()
-        return self._error
-
-    def _solve(self, estimated: bool) -> None:
-        """Solve at the present refinement, or load what an earlier process solved."""
-        self.resolution = tuple(n * self._refinement for n in self._first)
-        frame = _frame(self.space, self.goal, self.resolution)
-        nx, ny, nt = (int(n) for n in frame[grid.COUNT_X : grid.COUNT_X + 3])
-        store = FieldStore.default() if self._cache else FieldStore(None)
-        key, size = self._key(), (nx + 2 * PAD) * (ny + 2 * PAD) * nt
-        stored = store.load(key, size)
-        self.__dict__.pop("_finer", None)
-        if stored is not None:
-            self.state: OracleState = (*stored[:2], frame, self.space.geometry)
-            mean, tail = stored[2]
-            self._error = None if math.isnan(mean) else OracleError(mean, tail)
-            if self._error is not None or not estimated:
-                return
-        else:
-            self.state = _solved(self.space, frame)
-        self._error = self._compared() if estimated else None
-        if self._error is None:
-            store.save(key, *self.state[:2])
-        else:
-            store.save(key, *self.state[:2], self._error)
-
-    def _compared(self) -> OracleError:
-        """The error, by how far a grid of half the resolution is from this one at some poses.
-
-        Poses that the coarser grid does not reach tell nothing and are left out.
-        """
-        poses = _free_poses(self.space)
-        coarse = tuple(max(4, (n + 1) // 2) for n in self.resolution)
-        if coarse == self.resolution or not len(poses):
-            return OracleError(0.0, 0.0) if not len(poses) else OracleError(1.0, 1.0)
-        ours = cost_to_go_many(poses, self.state)
-        theirs = cost_to_go_many(poses, _solved(self.space, _frame(self.space, self.goal, coarse)))
-        known = np.isfinite(ours) & np.isfinite(theirs) & (ours > 0.0)
-        if not known.any():
-            return OracleError(1.0, 1.0) if np.isfinite(ours).any() else OracleError(0.0, 0.0)
-        # Beside the goal distances are exact, and relative ones mean little.
-        apart = _TRUST * np.abs(theirs[known] - ours[known]) / ours[known]
-        return OracleError(float(apart.mean()), float(np.quantile(apart, 0.99)))
-
-    def _excess(self) -> float:
-        """How many times larger the error is than asked for."""
-        error = self.error
-        return max(error.mean / self.options.mean, error.tail / self.options.tail)
-
-    def _refine(self) -> None:
-        """Refine the grid until the error is as small as asked for, or the budget is spent: then warn."""
-        while (excess := self._excess()) > 1.0:
-            finer = _scaled(self.resolution, min(max(1.1 * excess, 1.4), 2.0), self.options.budget)
-            if finer is None:
-                _warn_of(self)
-                return
-            self._first, self._refinement = finer, 1
-            self._solve(estimated=True)
-
-    def _key(self) -> str:
-        digest = hashlib.sha256(
-            f"oracle {SOLVER_VERSION} {self.space.fingerprint()} {self.resolution}\n".encode()
-        )
-        digest.update(self.goal.astype("<f8").tobytes())
-        return digest.hexdigest()
-
-    def _reach(self, start: FloatArray, estimated: bool) -> None:
-        """Refine the grid until the start is connected.
+        """The coordinates of the vertices along each axis of `field`, ascending.
 
         Raises:
-            NoPathError: Not even the finest grid connects it.
+            InvalidInputError: There is no grid.
         """
-        while math.isinf(cost_to_go_one(start, self.state)):
-            if not self._may_double():
-                raise NoPathError(
-                    f"no path from start {start.tolist()} to goal {self.goal.tolist()}: none found at "
-                    f"spacing {self._spacing():.3g} (a grid of {' x '.join(map(str, self.resolution))} "
-                    "poses); one may exist through a narrower passage: raise the resolution (OracleOptions)"
-                )
-            self._refinement *= 2
-            self._solve(estimated)
-
-    def _may_double(self) -> bool:
-        vertices = math.prod(self.resolution) * 2**self.space.dimension
-        return self._refinement < _FINEST[self.space.dimension] and vertices <= self.options.budget
-
-    def _tighten(self, start: FloatArray) -> None:
-        """Find paths from the start; where one is shorter than the field says, correct the field by it."""
-        space, frame = self.space, self.state[2]
-        link = float((frame[grid.STEP_X : grid.STEP_X + space.dimension] * space.weights).max())
-        strides = _STRIDES if any_narrow(space, *_narrow(space, frame)) else _STRIDES[:1]
-        for part in strides:  # each comes down another way, and the later ones on what the earlier found
-            state = self.state
-            path = descent(space, partial(_read, state), start, self.goal, part * link)
-            if path is None or lengths_left(space, path)[0] > (1.0 - _GAIN) * cost_to_go_one(start, state):
-                continue
-            path = divided(space, path, link)
-            left = lengths_left(space, path)
-            field = state[0].copy()  # what was loaded is not ours to change
-            work = _Grid(frame, state[1])
-            numbers, vertices, lengths = _attached(space, work, path, _LOOK_AHEAD)
-            _offer(work, field, vertices, left[numbers] + lengths)
-            self.state = (field, *state[1:])
-
-    def _spacing(self) -> float:
-        return float(self.state[2][grid.STEP_X : grid.STEP_X + 2].max())
-
-    @cached_property
-    def _finer(self) -> Oracle | None:
-        """The same oracle on a finer grid, for valid poses in pockets that this grid does not reach."""
-        resolution = _scaled(self.resolution, 2.0, self.options.budget)
-        if resolution is None or self._depth >= _DEEPEST[self.space.dimension]:
-            return None
-        finer = Oracle.__new__(Oracle)
-        finer.space, finer.goal, finer._cache, finer._first = self.space, self.goal, self._cache, resolution
-        finer.options, finer._refinement, finer._depth = self.options, 1, self._depth + 1
-        finer._solve(estimated=False)
-        return finer
-
-
-@dataclass(frozen=True, eq=False)
-class _Grid:
-    """A grid with its certified links, before a wave has run over it."""
-
-    frame: FloatArray
-    links: npt.NDArray[np.uint8]
-
-    @classmethod
-    def of(cls, space: ConfigurationSpace, frame: FloatArray) -> _Grid:
-        """The grid of a space."""
-        links, denied = grid.draw_obstacles(space.geometry, frame)
-        claims = grid.certify_links(space.geometry, frame, links, denied)
-        grid.round_boundary(frame, links, claims, np.flatnonzero(claims))
-        return cls(frame, links)
+        return self._grid.axes
 
     @property
-    def layout(self) -> tuple[int, int]:
-        """Vertices in a column, and angles."""
-        nt = int(self.frame[grid.COUNT_THETA])
-        return (int(self.frame[grid.COUNT_Y]) + 2 * PAD) * nt, nt
-
-    @property
-    def spacing(self) -> FloatArray:
-        """(3,) lengths of a link along each axis."""
-        lengths: FloatArray = self.frame[grid.STEP_X : grid.STEP_X + 3] * [1.0, 1.0, self.frame[grid.WEIGHT]]
-        return lengths
-
-
-def _narrow(space: ConfigurationSpace, frame: FloatArray) -> tuple[float, float]:
-    """What `passages` asks of robot and grid: the inradius, and the spacing."""
-    return float(grid.inradius(space.geometry)), float(frame[grid.STEP_X : grid.STEP_X + 2].max())
-
-
-def _read(state: OracleState, q: FloatArray) -> FloatArray:
-    return cost_to_go_many(q, state)
-
-
-def _solved(space: ConfigurationSpace, frame: FloatArray) -> OracleState:
-    """The field over a grid, with what comes through narrow passages."""
-    work = _Grid.of(space, frame)
-    seeds, values = grid.seed_goal(space.geometry, frame, work.links)
-    field = march(work.links, *work.layout, work.spacing, seeds, values)
-    roadmap = passages(space, *_narrow(space, frame))
-    if not len(roadmap.nodes):
-        return field, work.links, frame, space.geometry
-    nodes, vertices, lengths = _attached(space, work, roadmap.nodes)
-    for _ in range(_ROUNDS):
-        known = np.full(len(roadmap.nodes), np.inf)
-        np.minimum.at(known, nodes, field[vertices] + lengths)
-        offered = roadmap.spread(known)[nodes] + lengths
-        gained = offered < field[vertices] * (1.0 - _GAIN)
-        if not gained.any():
-            break
-        _offer(work, field, vertices[gained], offered[gained])
-    return field, work.links, frame, space.geometry
-
-
-def _offer(
-    work: _Grid, field: npt.NDArray[np.float32], vertices: npt.NDArray[np.int64], values: FloatArray
-) -> None:
-    """Have vertices, each of which may be named often, take the least of the values if that is less."""
-    order = np.lexsort((values, vertices))
-    chances, first = np.unique(vertices[order], return_index=True)
-    improve(work.links, *work.layout, work.spacing, field, chances, values[order[first]])
-
-
-def _attached(
-    space: ConfigurationSpace, work: _Grid, poses: FloatArray, ahead: int = 0
-) -> tuple[npt.NDArray[np.int64], npt.NDArray[np.int64], FloatArray]:
-    """Certified motions between poses (n, d) and the vertices of their cells: numbers of both, lengths.
-
-    With ``ahead``, also between each of so many poses that follow and the vertices of a pose's cell.
-    """
-    d, frame = space.dimension, work.frame
-    stride, nt = work.layout
-    origin, step = np.append(frame[:2], 0.0)[:d], frame[grid.STEP_X : grid.STEP_X + d]
-    counts = frame[grid.COUNT_X : grid.COUNT_X + d].astype(np.int64)
-    corners = np.array(np.meshgrid(*[[0, 1]] * d, indexing="ij")).reshape(d, -1).T
-    cells = (np.floor((poses - origin) / step).astype(np.int64)[:, None] + corners).reshape(-1, d)
-    if d == 3:
-        cells[:, 2] %= nt
-    number = np.repeat(np.arange(len(poses)), len(corners))
-    inside = ((cells >= 0) & (cells < counts)).all(axis=1)
-    vertices = (cells[:, 0] + PAD) * stride + (cells[:, 1] + PAD) * nt + (cells[:, 2] if d == 3 else 0)
-    inside[inside] = (work.links[vertices[inside]] & grid.VALID) > 0
-    number, vertices, cells = number[inside], vertices[inside], cells[inside]
-    ends = space.wrap(origin + cells * step)
-    if ahead:
-        number = (number[:, None] + np.arange(ahead + 1)).ravel()
-        vertices, ends = np.repeat(vertices, ahead + 1), np.repeat(ends, ahead + 1, axis=0)
-        there = number < len(poses)
-        number, vertices, ends = number[there], vertices[there], ends[there]
-    free = np.asarray(space.motions_free(poses[number], ends))
-    number, vertices, ends = number[free], vertices[free], ends[free]
-    return number, vertices, np.atleast_1d(space.distance(poses[number], ends))
-
-
-def grid_joins(
-    space: ConfigurationSpace, start: FloatArray, goal: FloatArray, resolution: tuple[int, ...]
-) -> bool:
-    """Whether a plain grid joins two free poses: nothing but its certified links is looked at, no wave runs.
-
-    Distributions that keep only problems with a path decide by it, so that their problems stay the same
-    whatever becomes of the oracle.
-    """
-    frame = _frame(space, goal, resolution)
-    work = _Grid.of(space, frame)
-    seeds, _ = grid.seed_goal(space.geometry, frame, work.links)
-    field = flood(work.links, *work.layout, seeds)
-    return math.isfinite(cost_to_go_one(start, (field, work.links, frame, space.geometry)))
-
-
-def _free_poses(space: ConfigurationSpace) -> FloatArray:
-    """Some free poses (n, d), the same for every oracle of a space; none where hardly a pose is free."""
-    rng, found = np.random.default_rng(0), np.empty((0, space.dimension))
-    for _ in range(32):
-        poses = space.sample(rng, _POSES)
-        found = np.concatenate([found, poses[space.valid(poses)]])
-        if len(found) >= _POSES:
-            break
-    return found[:_POSES]
-
-
-def _scaled(resolution: tuple[int, ...], factor: float, budget: int) -> tuple[int, ...] | None:
-    """The resolution times a factor, or as much of it as the budget allows; None for less than 1.15 times."""
-    factor = min(factor, (budget / math.prod(resolution)) ** (1.0 / len(resolution)))
-    if factor < 1.15:
-        return None
-    finer = [int(n * factor) for n in resolution]
-    if len(finer) == 3:
-        finer[2] = max(resolution[2], 4 * (finer[2] // 4))
-    return tuple(finer)
-
-
-_warned = threading.Event()
-
-
-def _warn_of(oracle: Oracle) -> None:
-    """Say once per process that an oracle is less exact than was asked for."""
-    if not (_warned.is_set() or in_worker()):
-        _warned.set()
-        warn(
-            f"the oracle's estimated error is {oracle.error}, on a grid of "
-            f"{' x '.join(map(str, oracle.resolution))} poses: its budget of {oracle.options.budget:,} "
-            "vertices is spent. OracleOptions has a larger budget, or larger errors to ask for; Oracle.error "
-            "says the error of each problem."
-        )
-
-
-def _frame(space: ConfigurationSpace, goal: FloatArray, resolution: tuple[int, ...]) -> FloatArray:
-    """Where the vertices lie: as close to the bounds as the robot's reference point can come."""
-    frame = np.zeros(grid.FRAME)
-    low, high = space.lower[:2].copy(), space.upper[:2].copy()
-    inset = grid.inradius(space.geometry) + 2.0 * space.geometry[0][1]
-    if (high - low > 4.0 * inset).all():
-        low, high = low + inset, high - inset
-    counts = [*resolution, 1][:3]
-    frame[grid.ORIGIN_X : grid.ORIGIN_X + 2] = low
-    frame[grid.STEP_X : grid.STEP_X + 2] = (high - low) / (np.array(counts[:2]) - 1)
-    frame[grid.STEP_THETA] = 2.0 * math.pi / counts[2]
-    frame[grid.COUNT_X : grid.COUNT_X + 3] = counts
-    frame[grid.GOAL : grid.GOAL + goal.size] = goal
-    frame[grid.WEIGHT] = space.weights[2] if space.dimension == 3 else 1.0
-    links = frame[grid.STEP_X : grid.STEP_X + space.dimension] * space.weights
-    frame[grid.SIGHT] = _SIGHT * float(links.max())
-    return frame
-
-
-def _checked(space: ConfigurationSpace, resolution: Sequence[int]) -> tuple[int, ...]:
-    counts = tuple(int(n) for n in resolution)
-    if len(counts) != space.dimension or min(counts) < 4:
-        raise InvalidInputError(
-            f"expected {space.dimension} vertex counts of at least 4 each as resolution, got {resolution!r}"
-        )
-    return counts
-
-
-def _first_resolution(space: ConfigurationSpace, budget: int) -> tuple[int, ...]:
-    """Square cells, and angles a little finer: what is hard to pass is mostly a matter of turning.
-
-    A small workspace gets a certain number of vertices; a large one, links that are small beside the robot.
-    """
-    sides = space.upper[:2] - space.lower[:2]
-    step, most = float(sides.min()) / _SIDE[space.dimension], _FIRST[space.dimension]
-    if space.dimension == 3 and step > _LINK * space.robot.radius:
-        step, most = _LINK * space.robot.radius, budget
-    while True:
-        counts = [max(4, math.ceil(side / step)) for side in sides]
-        if space.dimension == 3:
-            angles = 2.0 * math.pi * space.robot.radius / (0.7 * step)
-            counts.append(4 * min(max(math.ceil(angles / 4.0), 6), 16))
-        if math.prod(counts) <= min(most, budget):
-            return tuple(counts)
-        step *= 1.02
-
-
-def _valid_configuration(space: ConfigurationSpace, q: Configurations, what: str) -> FloatArray:
-    pose = np.array(q, dtype=np.float64)
-    if pose.shape != (space.dimension,):
-        raise InvalidInputError(f"expected a {what} of shape ({space.dimension},), got shape {pose.shape}")
-    if not space.valid(pose):
-        raise InvalidInputError(
-            f"the {what} {pose.tolist()} is not a valid configuration: in collision or out of bounds"
-        )
-    return pose
+    def _grid(self) -> GridSolution:
+        if not isinstance(self._solution, GridSolution):
+            raise InvalidInputError(f"expected an oracle over a grid, got one over {self._solution!r}")
+        return self._solution
 
 
 _lock = threading.Lock()

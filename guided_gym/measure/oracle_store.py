@@ -20,6 +20,8 @@ from guided_gym.errors import warn
 
 FieldArray = npt.NDArray[np.float32]
 LinkArray = npt.NDArray[np.uint8]
+FloatArray = npt.NDArray[np.float64]
+EdgeArray = npt.NDArray[np.int32]
 
 ENVIRONMENT_VARIABLE = "GUIDED_GYM_CACHE"
 """Names the cache folder; "off" works without one."""
@@ -29,6 +31,8 @@ MAX_BYTES = 512 * 2**20
 # magic, key, vertices, checksum, error (mean, tail); 128 bytes keep the arrays aligned
 _HEADER = struct.Struct("<16s64sQI4xdd16x")
 _MAGIC = b"guided-gym field"
+_ROADMAP = b"guided-gym roads"
+_SHAPE = struct.Struct("<QQQ")  # vertices, dimensions, edges
 _SUFFIX = ".field"
 
 
@@ -97,10 +101,13 @@ class FieldStore:
         self, key: str, field: FieldArray, links: LinkArray, error: tuple[float, float] = (math.nan, math.nan)
     ) -> None:
         """Store a field, its links and its error (mean, tail) under a key; failing to is no error."""
+        body = field.astype("<f4").tobytes() + links.tobytes()
+        self._write(key, _MAGIC, field.size, body, error)
+
+    def _write(self, key: str, magic: bytes, size: int, body: bytes, error: tuple[float, float]) -> None:
         if self.folder is None:
             return
-        body = field.astype("<f4").tobytes() + links.tobytes()
-        header = _HEADER.pack(_MAGIC, key.encode(), field.size, _checksum(body, error), *error)
+        header = _HEADER.pack(magic, key.encode(), size, _checksum(body, error), *error)
         temporary = None
         try:
             self.folder.mkdir(parents=True, exist_ok=True)
@@ -116,6 +123,39 @@ class FieldStore:
             _warn_once(self.folder, error)
             return
         self._trim()
+
+    def load_arrays(self, key: str) -> tuple[FloatArray, EdgeArray, FloatArray] | None:
+        """Vertices (n, d), edges (m, 2) and lengths (m,) of the roadmap stored under a key; or None."""
+        if self.folder is None:
+            return None
+        try:
+            content = self._path(key).read_bytes()
+        except FileNotFoundError:
+            return None
+        except OSError as error:
+            _warn_once(self.folder, error)
+            return None
+        if len(content) < _HEADER.size + _SHAPE.size:
+            return None
+        body = memoryview(bytearray(content[_HEADER.size :]))  # writable: kernels compile once
+        *head, checksum, mean, tail = _HEADER.unpack(content[: _HEADER.size])
+        if head != [_ROADMAP, key.encode(), len(body)] or checksum != _checksum(body, (mean, tail)):
+            return None
+        n, d, m = _SHAPE.unpack(body[: _SHAPE.size])
+        if len(body) != _SHAPE.size + 8 * (n * d + 2 * m):
+            return None
+        numbers = np.frombuffer(body, np.float64, n * d + m, _SHAPE.size)
+        edges = np.frombuffer(body, np.int32, 2 * m, _SHAPE.size + 8 * (n * d + m))
+        with contextlib.suppress(OSError):
+            os.utime(self._path(key))
+        return numbers[: n * d].reshape(n, d), edges.reshape(m, 2), numbers[n * d :]
+
+    def save_arrays(self, key: str, points: FloatArray, edges: EdgeArray, lengths: FloatArray) -> None:
+        """Store a roadmap under a key; failing to is no error."""
+        shape = _SHAPE.pack(*points.shape, len(edges))
+        parts = points.astype("<f8").tobytes(), lengths.astype("<f8").tobytes(), edges.astype("<i4").tobytes()
+        body = b"".join((shape, *parts))
+        self._write(key, _ROADMAP, len(body), body, (0.0, 0.0))
 
     def _path(self, key: str) -> Path:
         assert self.folder is not None

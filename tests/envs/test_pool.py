@@ -80,7 +80,7 @@ def test_workers__give_the_same_problems_in_order_and_stay_ahead(monkeypatch):
     expected = [DISTRIBUTION.problem(seed) for seed in range(7)]
     with ProblemPool(NAME, seeds=range(7), workers=2, ahead=4) as pool:
         wait_until(lambda: pool.ready == 4)  # and no more: nobody has taken any
-        monkeypatch.setattr("guided_gym.measure.oracle._solved", None)  # nothing is solved in this process
+        monkeypatch.setattr("guided_gym.measure.grid._solved", None)  # nothing is solved in this process
         oracle._remembered.clear()
         first = pool.take()
         assert oracle.oracle_for(first.space, first.task.goal, start=first.task.start)

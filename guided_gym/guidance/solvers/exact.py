@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from guided_gym.errors import NoPathError
-from guided_gym.guidance.solvers.base import Floats, Query, Valid, require_body, require_dimensions
+from guided_gym.guidance.solvers.base import Floats, Query, Valid, require_body
 from guided_gym.measure.oracle import Oracle, oracle_for
 
 
@@ -23,9 +23,8 @@ class Exact:
         """Solve, or load, the oracle; without a valid goal no state has a way.
 
         Raises:
-            InvalidInputError: A space of other than 2 or 3 dimensions, or no space of a body.
+            InvalidInputError: No space of a body.
         """
-        require_dimensions("exact", query, 2, 3)
         require_body("exact", query)
         self._query = query
         self._oracle: Oracle | None = None

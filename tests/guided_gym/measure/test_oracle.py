@@ -13,6 +13,7 @@ from guided_gym.geometry.environment import Environment
 from guided_gym.geometry.robots import Robot
 from guided_gym.geometry.space import ConfigurationSpace
 from guided_gym.kernels.cost_query import cost_to_go_one
+from guided_gym.measure import grid
 from guided_gym.measure import oracle as oracle_module
 from guided_gym.measure.oracle import Oracle, oracle_for
 
@@ -184,7 +185,7 @@ def test_a_start_that_cannot_reach_the_goal_is_refused():
 
 
 def test_a_passage_too_narrow_for_the_first_grid_is_found_on_a_finer_one(monkeypatch):
-    monkeypatch.setattr(oracle_module, "_ROUNDS", 0)  # or it would be found between the two walls
+    monkeypatch.setattr(grid, "_ROUNDS", 0)  # or it would be found between the two walls
     space = point_space(*wall(5.02, width=0.03))
     assert Oracle(space, (9, 5), resolution=(40, 40)).resolution == (40, 40)
     oracle = Oracle(space, (9, 5), start=(1, 5), resolution=(80, 80))

@@ -15,9 +15,11 @@ from guided_gym.errors import GuidedGymWarning, InvalidInputError, NoPathError
 from guided_gym.geometry.environment import Environment
 from guided_gym.geometry.robots import Robot
 from guided_gym.geometry.space import ConfigurationSpace
+from guided_gym.measure import grid, solution
 from guided_gym.measure import oracle as oracle_module
 from guided_gym.measure.certified import descent, lengths_left
-from guided_gym.measure.oracle import Oracle, grid_joins, oracle_for
+from guided_gym.measure.grid import grid_joins
+from guided_gym.measure.oracle import Oracle, oracle_for
 from guided_gym.options import OracleOptions, SearchOptions
 from guided_gym.planning import guided_search
 
@@ -28,7 +30,7 @@ BOUNDS = (0.0, 0.0, 10.0, 10.0)
 def own_cache(tmp_path, monkeypatch):
     monkeypatch.setenv("GUIDED_GYM_CACHE", str(tmp_path / "cache"))
     monkeypatch.setattr(oracle_module, "_remembered", type(oracle_module._remembered)())
-    oracle_module._warned.set()  # where a warning is meant, the test clears it
+    solution._warned.set()  # where a warning is meant, the test clears it
 
 
 def space_of(*obstacles, robot=None):
@@ -135,7 +137,7 @@ def test_a_large_workspace_gets_links_that_fit_the_robot():
 def test_a_spent_budget_is_said_once():
     space = space_of(shapely.box(2, 2, 8, 2.4), shapely.box(2, 2, 2.4, 8), shapely.box(7.6, 2, 8, 8))
     tight = OracleOptions(mean=1e-5, budget=60_000)
-    oracle_module._warned.clear()
+    solution._warned.clear()
     with pytest.warns(GuidedGymWarning, match="budget of 60,000 vertices is spent"):
         oracle = Oracle(space, (5.0, 5.0, 0.0), options=tight)
     assert math.prod(oracle.resolution) <= 60_000
@@ -158,7 +160,7 @@ def test_a_loaded_oracle_has_the_error_of_the_solved_one(monkeypatch):
     solved = Oracle(space, (8.0, 5.0, 0.0), start=(2.0, 5.0, 0.0))
     q = free_poses(space, 300)
     solved.cost_to_go(q)  # a finer grid is solved where one is needed
-    monkeypatch.setattr(oracle_module, "_solved", None)
+    monkeypatch.setattr(grid, "_solved", None)
     loaded = Oracle(space, (8.0, 5.0, 0.0), start=(2.0, 5.0, 0.0))
     assert loaded.error == solved.error
     np.testing.assert_array_equal(loaded.cost_to_go(q), solved.cost_to_go(q))
@@ -199,7 +201,8 @@ def test_no_path_says_at_what_spacing_and_what_to_do():
 @pytest.mark.parametrize(
     "options",
     [
-        {"resolution": (64,)},
+        {"resolution": (64, 64, 64, 64)},
+        {"method": "wave"},
         {"resolution": 64},
         {"resolution": (64, 64, 2)},
         {"mean": 0.0},
