@@ -37,7 +37,6 @@ AUTO: Final = "auto"
 MAX_SAMPLES: Final = 2000
 _FEWEST, _MOST = 56, 160  # cells along the grid
 _CELLS_A_ROBOT: Final = 1.0
-_STEP_RADII: Final = 8.0
 _RESTART_SEED: Final = 2**31  # seeds of later searches begin here
 
 
@@ -124,7 +123,7 @@ class Planner:
         self.problem = problem
         self.space = problem.space
         self.guidance = chosen_guidance(self.space, guidance)
-        self.options = SearchOptions(step=chosen_step(self.space) if step is None else step)
+        self.options = SearchOptions(step=step)
         self.max_samples = integer("max_samples", max_samples, least=1)
         self.smoothing = integer("smooth", smoothing, least=0)
         self.room = number("room", room, least=0, what="length")
@@ -195,14 +194,6 @@ def chosen_guidance(space: ConfigurationSpace, text: str) -> GuidingSpace:
     wanted = _MOST if size == 0 else side / size
     cells = 8 * math.ceil(min(max(wanted, _FEWEST), _MOST) / 8)
     return make_guidance("wavefront", cells=cells)
-
-
-def chosen_step(space: ConfigurationSpace) -> float | None:
-    """Radius of an expansion that suits the robot among its obstacles; None for the default."""
-    most = 0.05 * space.extent
-    if space.robot.radius == 0:
-        return None
-    return min(most, max(_STEP_RADII * space.robot.radius, 0.1 * most))
 
 
 # Tasks ------------------------------------------------------------------------------------------------------
