@@ -74,7 +74,13 @@ def test_doctor__names_versions_and_folders() -> None:
 def test_evaluate__prints_the_table_and_writes_the_files(tmp_path: Path) -> None:
     code, out, _ = invoke(*COMMAND, "--guidance", "rrt, goal_distance", "--out", tmp_path, "--no-figures")
     assert code == 0
-    for text in ("Cup, 2 seeds", "goal_distance", "SE per sample", "best possible", RESULTS_FILE):
+    for text in (
+        "Cup, 2 seeds, oracle error 0.",
+        "goal_distance",
+        "SE per sample",
+        "best possible",
+        RESULTS_FILE,
+    ):
         assert text in out
     rows = json.loads((tmp_path / "table.json").read_text())
     assert {row["guidance"] for row in rows} == {"rrt", "goal_distance"}
