@@ -461,7 +461,8 @@ class GuidedSearchEnv(gymnasium.Env[Observation, Action]):
     def _region(self, search: Search, node: int) -> int:
         """Index of the region that a node's reference point is in; NO_REGION outside all."""
         if node not in self._regions:
-            x, y = search.tree.nodes.configurations[node, :2].tolist()
+            q = search.tree.nodes.configurations[node]
+            x, y = search.problem.robot.position(q).tolist()
             inside = shapely.intersects_xy(self._areas, x, y)
             first = int(inside.argmax())
             self._regions[node] = first if inside[first] else NO_REGION
@@ -475,9 +476,8 @@ def prepared_regions(problem: Problem) -> NDArray[np.object_]:
     return areas
 
 
-def regions_of(areas: NDArray[np.object_], configurations: NDArray[np.float64]) -> NDArray[np.int64]:
-    """(n,) which of the areas each of (n, d) configurations' reference point is in, NO_REGION outside all."""
-    xy = configurations[:, :2]
+def regions_of(areas: NDArray[np.object_], xy: NDArray[np.float64]) -> NDArray[np.int64]:
+    """(n,) which of the areas each of (n, 2) positions is in, NO_REGION outside all."""
     inside = shapely.intersects_xy(areas, xy[:, :1], xy[:, 1:])
     return np.where(inside.any(axis=1), inside.argmax(axis=1), NO_REGION)
 

@@ -364,12 +364,12 @@ class GuidedSearchVectorEnv(VectorEnv[Any, Any, Any]):
         for number in np.unique(self._area_numbers[rows]).tolist():
             here = self._area_numbers[rows] == number
             i, node = rows[here], nodes[here]
+            areas = self._areas[i[0]]
+            assert areas is not None
             q = np.empty((i.size, 2))
             for d, trees in self._trees.items():
                 own = self._dimension[i] == d
-                q[own] = trees.configurations[i[own], node[own], :2]
-            areas = self._areas[i[0]]
-            assert areas is not None
+                q[own] = areas[0].robot.position(trees.configurations[i[own], node[own]])
             self._regions[i, node] = regions_of(areas[1], q)
 
     def _rewards(self, stepped: NDArray[np.int64]) -> NDArray[np.float64]:

@@ -382,7 +382,7 @@ def _run(group: _Group, seed: int) -> Run:
     problem, result = run_once(plan, seed)
     oracle = _oracle(problem, plan.settings)
     efficiency = result.record.efficiency
-    positions = result.tree.configurations[result.record.selected][:, :2]
+    positions = problem.robot.position(result.tree.configurations[result.record.selected])
     return Run(
         environment=plan.environment,
         guidance=plan.spec.label,
@@ -443,7 +443,7 @@ def _oracle(problem: Problem, settings: EvaluationSettings) -> Oracle:
 
 def region_sums(problem: Problem, result: SearchResult) -> dict[str, tuple[float, int]]:
     """Region of the selected node to (sum of SE, samples); the first region that holds a node counts."""
-    positions = result.tree.configurations[result.record.selected][:, :2]
+    positions = problem.robot.position(result.tree.configurations[result.record.selected])
     sums: dict[str, tuple[float, int]] = {}
     left: NDArray[np.bool_] = np.ones(len(positions), bool)
     for name, region in problem.regions.items():

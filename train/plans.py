@@ -18,6 +18,7 @@ from guided_gym.catalogue.inspection import robot_widths
 from guided_gym.catalogue.maps import read_text
 from guided_gym.checks import integer, number
 from guided_gym.errors import InvalidInputError, StorageError
+from guided_gym.geometry.robots import rigid
 from guided_gym.geometry.space import ConfigurationSpace
 from guided_gym.guidance.base import GuidingSpace
 from guided_gym.guidance.registry import make_guidance
@@ -188,7 +189,7 @@ def chosen_guidance(space: ConfigurationSpace, text: str) -> GuidingSpace:
     if text != AUTO:
         return guiding_space(GuidanceSpec.parse(text).make(), "plan")
     xmin, ymin, xmax, ymax = space.environment.bounds
-    least, turning = robot_widths(space.robot)
+    least, turning = robot_widths(rigid(space.robot, AUTO))
     size = max(turning, least) * _CELLS_A_ROBOT
     side = max(xmax - xmin, ymax - ymin)
     wanted = _MOST if size == 0 else side / size
