@@ -258,7 +258,7 @@ class GraphCostToGo(ABC):
         if isinstance(space, Subspace):
             points, space = space.lift(points), space.whole
         return {
-**({"values": self.graph.distance} if values else {}),
+            **({"values": self.graph.distance} if values else {}),
             "points": space.robot.position(points),
             "edges": self.graph.edges,
             "alive": np.isfinite(factor),

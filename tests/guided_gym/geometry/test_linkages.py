@@ -13,6 +13,7 @@ import shapely
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from guided_gym.display.scene import robot_table
 from guided_gym.errors import InvalidInputError
 from guided_gym.geometry.environment import Environment
 from guided_gym.geometry.linkages import Body, Joint, Linkage
@@ -136,6 +137,31 @@ def test_places_agree_with_frames(name: str) -> None:
         turned = shapely.affinity.rotate(body.outline, headings[body.joint], (0, 0), use_radians=True)
         moved = shapely.affinity.translate(turned, *origins[body.joint])
         assert placed.equals_exact(moved, 1e-9)
+
+
+def placed_by_table(table: dict[str, Any], q: Floats) -> list[Floats]:
+    """Where the corners of a table's bodies are, as `view.js` places them."""
+    frames: list[tuple[Floats, float]] = [(np.zeros(2), 0.0)]
+    for joint in table["joints"]:
+        at, heading = frames[joint["parent"] + 1]
+        value = q[joint["coordinate"]] if joint["coordinate"] >= 0 else joint["value"]
+        offset = np.array(joint["offset"]) + value * np.array([joint["kind"] == "x", joint["kind"] == "y"])
+        turn = np.array([[math.cos(heading), -math.sin(heading)], [math.sin(heading), math.cos(heading)]])
+        frames.append((at + turn @ offset, heading + value * (joint["kind"] == "turn")))
+    corners = []
+    for body in table["bodies"]:
+        at, heading = frames[body["joint"] + 1]
+        turn = np.array([[math.cos(heading), -math.sin(heading)], [math.sin(heading), math.cos(heading)]])
+        corners.append(at + np.reshape(body["ring"], (-1, 2)) @ turn.T)
+    return corners
+
+
+@pytest.mark.parametrize("name", ROBOTS)
+def test_the_browser_places_bodies_where_they_are(name: str) -> None:
+    robot = ROBOTS[name]
+    q = ConfigurationSpace(robot, EMPTY).sample(np.random.default_rng(1), 1)[0]
+    for ours, theirs in zip(robot.place(q), placed_by_table(robot_table(robot), q), strict=True):
+        np.testing.assert_allclose(shapely.get_coordinates(ours)[: len(theirs)], theirs, atol=1e-9)
 
 
 @pytest.mark.parametrize("name", ROBOTS)
