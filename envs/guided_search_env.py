@@ -6,6 +6,7 @@ import copy
 import math
 import operator
 from collections.abc import Mapping
+from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final, SupportsFloat, cast
 
 import gymnasium
@@ -15,6 +16,7 @@ from gymnasium import spaces
 from numpy.typing import NDArray
 
 from guided_gym.catalogue.distributions import FixedProblem, ProblemDistribution
+from guided_gym.catalogue.problem_set import ProblemSet, open_problem_set
 from guided_gym.catalogue.splits import Split, in_split
 from guided_gym.catalogue.table import make_distribution
 from guided_gym.checks import affordable, flag, integer
@@ -29,14 +31,7 @@ from guided_gym.errors import (
 from guided_gym.guidance.base import GuidingSpace, draw
 from guided_gym.guidance.registry import make_expander
 from guided_gym.measure.target import Measure, sampling_efficiency
-from guided_gym.options import (
-    DEFAULT_CANDIDATES,
-    DEFAULT_ORACLE,
-    DEFAULT_TARGET,
-    OracleOptions,
-    SearchOptions,
-    TargetParameters,
-)
+from guided_gym.options import DEFAULT_CANDIDATES, DEFAULT_TARGET, SearchOptions, TargetParameters
 from guided_gym.problems import Problem, Task
 from guided_gym.randomness import copied, spawn
 from guided_gym.search.search import Search
@@ -53,6 +48,7 @@ ON_INVALID: Final = ("noop", "raise")
 OPTIONS: Final = (
     "distribution",
     "split",
+    "problems",
     "max_nodes",
     "max_samples",
     "expansion",
@@ -65,7 +61,6 @@ OPTIONS: Final = (
     "goal_edge",
     "rewire",
     "target",
-    "oracle",
     "observe",
     "raster",
     "target_in_info",
@@ -115,9 +110,8 @@ class GuidedSearchEnv(gymnasium.Env[Observation, Action]):
         Always the same keys, scalars all of them: solved, samples, tree_size (nodes), collision_checks,
         invalid_action; sampling_efficiency and best_possible (-log max Q) of this step, NaN after a reset;
         cost (length of the path found, infinite while there is none); region (of the chosen node: which of
-        ``list(problem.regions)``, -1 for none); oracle_error (estimated, relative, on average). With
-        ``target_in_info`` also target, the (max_nodes,) Q over the observed tree, padded with zeros: it comes
-        from the oracle and is meant for imitation learning.
+        ``list(problem.regions)``, -1 for none). With ``target_in_info`` also target, the (max_nodes,) Q over
+        the observed tree, padded with zeros: it comes from the oracle and is meant for imitation learning.
 
     Randomness:
         ``reset(seed=k)`` gives the tree that ``guided_search(problem, guidance, seed=k)`` gives, if the same
@@ -129,6 +123,9 @@ class GuidedSearchEnv(gymnasium.Env[Observation, Action]):
         distribution: Name in the catalogue, a distribution, or a problem.
         split: ``"train"``, ``"validation"`` or ``"test"``: draw from these problems only, and pose number k
             of them with ``reset(seed=k)``; None for the whole distribution.
+        problems: A file that ``guided-gym problems build`` has built for this distribution, split and rule of
+            ending: its problems are posed, with their oracles, so that no reset has to wait; number k of them
+            with ``reset(seed=k)``. None draws and solves them as they are needed.
         max_nodes: Size of the padded arrays and of the action space; None for max_samples + 2, 256 if that
             is None, too.
         max_samples: Steps until truncation; None for max_nodes - 2. ``max_episode_steps`` of
@@ -138,13 +135,12 @@ class GuidedSearchEnv(gymnasium.Env[Observation, Action]):
         action: ``"node"`` or ``"distribution"``.
         reward: A name, weights of names, or an object like `guided_gym.envs.rewards.Reward`.
         on_invalid: ``"noop"`` or ``"raise"``.
-        step: Radius of the ball; None for the space's `scale`.
+        step: Radius of the ball; None for 5 % of the workspace's diagonal.
         candidates: Members of the ball that a guided expansion looks at.
         goal_tolerance: The search also ends this near to the goal; None for what the problem says.
         goal_edge: Whether a valid edge to the goal ends the search; None likewise.
         rewire: Rewire the tree as RRT* does.
         target: Parameters of the target distribution Q.
-        oracle: Resolution and budget of the oracle that Q is of.
         observe: What is observed, an object like `guided_gym.envs.observations.Observer` (copied); None for
             the default.
         raster: Cells along each side of the default observation's raster.
@@ -154,6 +150,7 @@ class GuidedSearchEnv(gymnasium.Env[Observation, Action]):
     Raises:
         UnknownNameError: An unknown name or option; the nearest one is suggested.
         InvalidInputError: A value that cannot be used.
+        StorageError: A problem set that is missing, damaged, unfinished or of another version.
     """
 
     metadata: dict[str, Any] = {"render_modes": ["human", "rgb_array"], "render_fps": 30}  # noqa: RUF012
@@ -163,6 +160,7 @@ class GuidedSearchEnv(gymnasium.Env[Observation, Action]):
         distribution: str | ProblemDistribution | Problem = "SimplePassage",
         *,
         split: str | Split | None = None,
+        problems: str | Path | None = None,
         max_nodes: int | None = None,
         max_samples: int | None = None,
         expansion: str | GuidingSpace = "uniform",
@@ -175,7 +173,6 @@ class GuidedSearchEnv(gymnasium.Env[Observation, Action]):
         goal_edge: bool | None = None,
         rewire: bool = False,
         target: TargetParameters = DEFAULT_TARGET,
-        oracle: OracleOptions = DEFAULT_ORACLE,
         observe: Observer | None = None,
         raster: int = 64,
         target_in_info: bool = False,
@@ -191,11 +188,11 @@ class GuidedSearchEnv(gymnasium.Env[Observation, Action]):
         self.distribution = _as_distribution(distribution)
         if split is not None:
             self.distribution = in_split(self.distribution, split)
-        self.options = SearchOptions(
-            step, candidates, rewire, _checked_target(target, self.max_nodes), oracle
-        )
+        self.options = SearchOptions(step, candidates, rewire, _checked_target(target, self.max_nodes))
         Task([0.0], [1.0]).ending(goal_tolerance, goal_edge)  # refuses what is no rule
         self._ending = (goal_tolerance, goal_edge)
+        if problems is not None:
+            self.distribution = _built(problems, self.distribution, *self._ending)
         self.expansion = expansion  # as it was asked for; `expander` is who does it
         self.expander = _own_expander(expansion)
         self.action = action
@@ -451,7 +448,6 @@ class GuidedSearchEnv(gymnasium.Env[Observation, Action]):
             "best_possible": float(best),
             "cost": path_cost(search),
             "region": NO_REGION,
-            "oracle_error": self.measure.oracle.error.mean,
         }
         if self.target_in_info:
             q = self.measure.distribution()
@@ -461,8 +457,7 @@ class GuidedSearchEnv(gymnasium.Env[Observation, Action]):
     def _region(self, search: Search, node: int) -> int:
         """Index of the region that a node's reference point is in; NO_REGION outside all."""
         if node not in self._regions:
-            q = search.tree.nodes.configurations[node]
-            x, y = search.problem.robot.position(q).tolist()
+            x, y = search.tree.nodes.configurations[node, :2].tolist()
             inside = shapely.intersects_xy(self._areas, x, y)
             first = int(inside.argmax())
             self._regions[node] = first if inside[first] else NO_REGION
@@ -476,8 +471,9 @@ def prepared_regions(problem: Problem) -> NDArray[np.object_]:
     return areas
 
 
-def regions_of(areas: NDArray[np.object_], xy: NDArray[np.float64]) -> NDArray[np.int64]:
-    """(n,) which of the areas each of (n, 2) positions is in, NO_REGION outside all."""
+def regions_of(areas: NDArray[np.object_], configurations: NDArray[np.float64]) -> NDArray[np.int64]:
+    """(n,) which of the areas each of (n, d) configurations' reference point is in, NO_REGION outside all."""
+    xy = configurations[:, :2]
     inside = shapely.intersects_xy(areas, xy[:, :1], xy[:, 1:])
     return np.where(inside.any(axis=1), inside.argmax(axis=1), NO_REGION)
 
@@ -569,6 +565,17 @@ def _as_distribution(distribution: str | ProblemDistribution | Problem) -> Probl
             f"distribution: expected a name, a ProblemDistribution or a Problem, got {distribution!r}"
         )
     return distribution
+
+
+def _built(
+    path: str | Path, distribution: ProblemDistribution, tolerance: float | None, by_edge: bool | None
+) -> ProblemSet:
+    """The problem set of a file, if it is one of that distribution."""
+    if not isinstance(path, str | Path):
+        raise InvalidInputError(f"problems: expected the name of a problem set's file, got {path!r}")
+    problems = open_problem_set(path)
+    problems.check(distribution, tolerance, by_edge)
+    return problems
 
 
 def _own_expander(expansion: str | GuidingSpace) -> GuidingSpace | None:

@@ -23,6 +23,7 @@ if TYPE_CHECKING:
     from guided_gym.catalogue.files import ProblemFile, load_environment, load_problem, save_problem
     from guided_gym.catalogue.maps import MapOptions, read_map, read_scenario
     from guided_gym.catalogue.next_mazes import load_next_mazes
+    from guided_gym.catalogue.problem_set import ProblemSet, build_problem_set
     from guided_gym.catalogue.splits import problem_seed
     from guided_gym.catalogue.table import distribution_names, make_distribution, register_distribution
     from guided_gym.errors import (
@@ -33,8 +34,6 @@ if TYPE_CHECKING:
         UnknownNameError,
     )
     from guided_gym.geometry.environment import Environment
-    from guided_gym.geometry.linkages import Body, Joint, Linkage
-    from guided_gym.geometry.mechanism import Mechanism
     from guided_gym.geometry.robots import Robot
     from guided_gym.geometry.space import ConfigurationSpace
     from guided_gym.guidance.base import GuidingSpace
@@ -86,12 +85,11 @@ _HOMES: dict[str, tuple[str, ...]] = {
     "catalogue.maps": ("MapOptions", "read_map", "read_scenario"),
     "catalogue.distributions": ("FixedProblem", "ProblemDistribution", "ProblemList", "SampledProblems"),
     "catalogue.next_mazes": ("load_next_mazes",),
+    "catalogue.problem_set": ("ProblemSet", "build_problem_set"),
     "catalogue.splits": ("problem_seed",),
     "catalogue.table": ("distribution_names", "make_distribution", "register_distribution"),
     "errors": ("GuidedGymError", "InvalidInputError", "NoPathError", "StorageError", "UnknownNameError"),
     "geometry.environment": ("Environment",),
-    "geometry.linkages": ("Body", "Joint", "Linkage"),
-    "geometry.mechanism": ("Mechanism",),
     "geometry.robots": ("Robot",),
     "geometry.space": ("ConfigurationSpace",),
     "guidance.base": ("GuidingSpace",),
@@ -175,7 +173,6 @@ _HOME = {name: module for module, names in _HOMES.items() for name in names}
 __all__ = [
     "Agent",
     "Answer",
-    "Body",
     "Choice",
     "ClaimResult",
     "Composed",
@@ -196,13 +193,10 @@ __all__ = [
     "Hybrid",
     "InvalidInputError",
     "JensenShannonReward",
-    "Joint",
     "Lesson",
-    "Linkage",
     "LocalPlanner",
     "MapOptions",
     "Measure",
-    "Mechanism",
     "NoPathError",
     "NodeColumn",
     "Observer",
@@ -217,6 +211,7 @@ __all__ = [
     "ProblemFile",
     "ProblemList",
     "ProblemPool",
+    "ProblemSet",
     "RandomAgent",
     "Record",
     "Results",
@@ -238,6 +233,7 @@ __all__ = [
     "__version__",
     "agent_names",
     "build_path_database",
+    "build_problem_set",
     "check_claims",
     "distribution_names",
     "entropy",

@@ -5,6 +5,7 @@ from __future__ import annotations
 import sys
 import warnings
 from collections import Counter
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -50,11 +51,26 @@ app = typer.Typer(
 )
 database_app = typer.Typer(help="Build and inspect databases of solved paths.", no_args_is_help=True)
 app.add_typer(database_app, name="database")
+problems_app = typer.Typer(
+    help="Build and inspect sets of problems with their oracles.", no_args_is_help=True
+)
+app.add_typer(problems_app, name="problems")
 app.add_typer(train_app, name="train")
 
 Workers = Annotated[int, typer.Option(help="Processes that search.")]
 Seeds = Annotated[int, typer.Option(help="Searches per environment and guidance, seeds counted from 0.")]
 Figures = Annotated[bool, typer.Option("--figures/--no-figures", help="Draw figures.")]
+GoalTolerance = Annotated[
+    float | None,
+    typer.Option(help="Distance at which the goal counts as reached; what the problem says by default."),
+]
+GoalEdge = Annotated[
+    bool | None,
+    typer.Option(
+        "--goal-edge/--no-goal-edge",
+        help="Whether a visible goal counts as reached; what the problem says by default.",
+    ),
+]
 Imports = Annotated[
     list[str] | None,
     typer.Option("--import", help="Module that registers environments or guidances; may be repeated."),
@@ -138,29 +154,14 @@ def evaluate(
         str | None, typer.Option(help="Who proposes expansions: uniform or a guidance; itself by default.")
     ] = None,
     rewire: Annotated[bool, typer.Option("--rewire", help="Rewire the tree as it grows, like RRT*.")] = False,
-    goal_tolerance: Annotated[
-        float | None,
-        typer.Option(help="Distance at which the goal counts as reached; what the problem says by default."),
-    ] = None,
-    goal_edge: Annotated[
-        bool | None,
-        typer.Option(
-            "--goal-edge/--no-goal-edge",
-            help="Whether a visible goal counts as reached; what the problem says by default.",
-        ),
-    ] = None,
+    goal_tolerance: GoalTolerance = None,
+    goal_edge: GoalEdge = None,
     epsilon: Annotated[float, typer.Option(help="Least probability of a node under the target.")] = 1e-4,
     delta: Annotated[float, typer.Option(help="Temperature of the suboptimality.")] = 0.1,
     tau: Annotated[float, typer.Option(help="Temperature of the work remaining.")] = 0.1,
     normalisation: Annotated[
         str, typer.Option(help="What both are divided by: start, the optimum; tree, their largest values.")
     ] = "start",
-    resolution: Annotated[
-        str, typer.Option(help="Vertices of the oracle's grid along each axis: 128,128,64; it chooses them.")
-    ] = "",
-    oracle_budget: Annotated[
-        int, typer.Option(help="Vertices of the oracle's finest grid, at most.")
-    ] = 4_000_000,
     distributions: Annotated[
         bool, typer.Option("--distributions", help="Measure each guidance's whole distribution too (slow).")
     ] = False,
@@ -169,7 +170,7 @@ def evaluate(
     imports: Imports = None,
 ) -> None:
     """Evaluate guidances on environments: a table, a results file and figures. Call it again to resume."""
-    from guided_gym.options import OracleOptions, TargetParameters
+    from guided_gym.options import TargetParameters
     from guided_gym.train.evaluation import evaluate as run
     from guided_gym.train.specs import EvaluationSettings, file_label, words
 
@@ -184,7 +185,6 @@ def evaluate(
         distributions=distributions,
         goal_edge=goal_edge,
         protocol=protocol,
-        oracle=OracleOptions(_resolution(resolution), budget=oracle_budget),
     )
     names, guidances = words("env", env), words("guidance", guidance)
     label = "+".join(map(file_label, names))
@@ -195,19 +195,6 @@ def evaluate(
             database=database, imports=imports or (), progress=progress,
         )  # fmt: skip
     _report(results, folder, figures, names, guidances, settings, database)
-
-
-def _resolution(text: str) -> tuple[int, ...] | None:
-    """The counts of ``--resolution``; None if it was not given."""
-    from guided_gym.errors import InvalidInputError
-    from guided_gym.train.specs import words
-
-    if not text:
-        return None
-    items = words("resolution", text)
-    if not all(item.isascii() and item.isdigit() and len(item) < 10 for item in items):
-        raise InvalidInputError(f"resolution: expected counts like 128,128,64, got {text!r}")
-    return tuple(map(int, items))
 
 
 @app.command("single-step")
@@ -294,6 +281,41 @@ def database_info(file: Annotated[Path, typer.Argument(help="A path database.")]
     from guided_gym.train.overview import database_rows
 
     console().print(_names_table(str(file), database_rows(file)))
+
+
+@problems_app.command("build")
+def problems_build(
+    env: Annotated[str, typer.Argument(help="Environment whose problems are drawn; NAME@train for a split.")],
+    count: Annotated[int, typer.Option(help="Problems that the set is to hold.")],
+    workers: Workers = 2,
+    out: Annotated[Path | None, typer.Option(help="The file; problems/ENV.problems by default.")] = None,
+    seed: Annotated[int, typer.Option(help="Seed of the first problem.")] = 0,
+    goal_tolerance: GoalTolerance = None,
+    goal_edge: GoalEdge = None,
+    imports: Imports = None,
+) -> None:
+    """Draw problems and solve their oracles, for gym.make(id, problems=FILE). Call it again to resume."""
+    from guided_gym.catalogue.problem_set import SUFFIX, build_problem_set
+    from guided_gym.train.specs import file_label, import_modules
+
+    prepare = partial(import_modules, tuple(imports or ()))
+    prepare()
+    file = out or Path("problems") / f"{file_label(env)}{SUFFIX}"
+    with progress_bar(f"Drawing {env}", file) as progress:
+        report = build_problem_set(
+            file, env, count, first=seed, goal_tolerance=goal_tolerance, goal_edge=goal_edge,
+            workers=workers, prepare=prepare, progress=progress,
+        )  # fmt: skip
+    without = f", {report.without_path} of them without a path" if report.without_path else ""
+    print(f"{file}: {report.problems} problems ({report.solved} new{without})")
+
+
+@problems_app.command("info")
+def problems_info(file: Annotated[Path, typer.Argument(help="A problem set.")]) -> None:
+    """Say what a problem set holds."""
+    from guided_gym.train.overview import problem_set_rows
+
+    console().print(_names_table(str(file), problem_set_rows(file)))
 
 
 @app.command()

@@ -7,7 +7,6 @@ from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, field
 from functools import cache, partial
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import numpy as np
 import shapely
@@ -31,9 +30,6 @@ from guided_gym.train.specs import (
     made,
     settings_content,
 )
-
-if TYPE_CHECKING:
-    from guided_gym.measure.oracle import Oracle
 
 ELSEWHERE = "elsewhere"  # the region of nodes that lie in no region of their problem
 
@@ -248,7 +244,7 @@ def _first_that_works(plan: Plan, seeds: Sequence[int]) -> int | GuidedGymError:
     trouble: GuidedGymError | None = None
     for seed in seeds:
         try:
-            _oracle(distribution.problem(seed, settings.goal_tolerance, settings.goal_edge), settings)
+            _optimum(distribution.problem(seed, settings.goal_tolerance, settings.goal_edge))
             return seed
         except UNSUITABLE as error:
             trouble = trouble or error
@@ -356,7 +352,7 @@ def _pose(plan: Plan, seed: int) -> None:
 
     distribution, settings = make_distribution(plan.environment), plan.settings
     if not distribution.fixed:
-        _oracle(distribution.problem(seed, settings.goal_tolerance, settings.goal_edge), settings)
+        _optimum(distribution.problem(seed, settings.goal_tolerance, settings.goal_edge))
 
 
 def _skipped(file: ResultsFile, groups: Sequence[_Group], seeds: Sequence[int]) -> dict[str, dict[int, str]]:
@@ -380,9 +376,8 @@ def _run(group: _Group, seed: int) -> Run:
     plan = group.plan
     _warm_up(plan, seed)
     problem, result = run_once(plan, seed)
-    oracle = _oracle(problem, plan.settings)
     efficiency = result.record.efficiency
-    positions = problem.robot.position(result.tree.configurations[result.record.selected])
+    positions = result.tree.configurations[result.record.selected][:, :2]
     return Run(
         environment=plan.environment,
         guidance=plan.spec.label,
@@ -400,9 +395,7 @@ def _run(group: _Group, seed: int) -> Run:
         processor=result.processor,
         looks=result.looks,
         path_cost=result.length,
-        optimum=float(oracle.cost_to_go(problem.task.start)),
-        oracle_error=oracle.error.mean,
-        oracle_tail=oracle.error.tail,
+        optimum=_optimum(problem),
         divergence=_mean(result.record.divergence),
         jensen_shannon=_mean(result.record.jensen_shannon),
         entropy=sample_entropy(result),
@@ -429,21 +422,16 @@ def _compile_here(plans: Sequence[Plan], seeds: Sequence[int]) -> None:
             _warm_up(plan, seed)
 
 
-def _oracle(problem: Problem, settings: EvaluationSettings) -> Oracle:
-    """The oracle that measures the searches of a problem.
-
-    Raises:
-        NoPathError: It finds no path.
-    """
+def _optimum(problem: Problem) -> float:
     from guided_gym.measure.oracle import oracle_for
 
     task = problem.task
-    return oracle_for(problem.space, task.goal, start=task.start, options=settings.oracle)
+    return float(oracle_for(problem.space, task.goal, start=task.start).cost_to_go(task.start))
 
 
 def region_sums(problem: Problem, result: SearchResult) -> dict[str, tuple[float, int]]:
     """Region of the selected node to (sum of SE, samples); the first region that holds a node counts."""
-    positions = problem.robot.position(result.tree.configurations[result.record.selected])
+    positions = result.tree.configurations[result.record.selected][:, :2]
     sums: dict[str, tuple[float, int]] = {}
     left: NDArray[np.bool_] = np.ones(len(positions), bool)
     for name, region in problem.regions.items():

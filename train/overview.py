@@ -103,6 +103,28 @@ def database_rows(file: Path) -> Rows:
     return rows
 
 
+def problem_set_rows(file: Path) -> Rows:
+    """What a problem set holds.
+
+    Raises:
+        StorageError: There is no such file, or it is foreign, damaged or unfinished.
+    """
+    from guided_gym.catalogue.problem_set import open_problem_set
+
+    problems = open_problem_set(file)
+    header, first = problems.header, problems.header["first"]
+    rules = [(name, header[name]) for name in ("goal_tolerance", "goal_edge")]
+    ending = [f"{name} {value}" for name, value in rules if value is not None]
+    return [
+        ("environment", problems.name),
+        ("problems", f"{len(problems)}, of the seeds {first} to {first + len(problems) - 1}"),
+        ("goal", ", ".join(ending) or "as the problems say"),
+        ("robot", header["robot"]["name"] if header["robot"] else "several"),
+        ("built by", f"guided-gym {header['package']}"),
+        ("size", f"{file.stat().st_size / 2**20:.1f} MiB"),
+    ]
+
+
 def doctor_rows() -> dict[str, Rows]:
     """Versions and folders, for a bug report."""
     versions = [(name, _version(name)) for name in _PACKAGES]

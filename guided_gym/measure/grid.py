@@ -11,7 +11,7 @@ from functools import cached_property, partial
 import numpy as np
 import numpy.typing as npt
 
-from guided_gym.errors import InvalidInputError, NoPathError
+from guided_gym.errors import InvalidInputError, NoPathError, StorageError
 from guided_gym.geometry.space import ConfigurationSpace
 from guided_gym.kernels import cost_grid as grid
 from guided_gym.kernels.cost_query import OracleState, cost_to_go_many, cost_to_go_one
@@ -19,11 +19,12 @@ from guided_gym.kernels.eikonal import PAD, flood, improve, march
 from guided_gym.measure.certified import descent, divided, lengths_left
 from guided_gym.measure.oracle_store import FieldStore
 from guided_gym.measure.passages import any_narrow, passages
-from guided_gym.measure.solution import OracleError, free_poses, warn_of
+from guided_gym.measure.solution import Kept, OracleError, free_poses, warn_of
 from guided_gym.options import OracleOptions
 
 FloatArray = npt.NDArray[np.float64]
 
+KIND = "grid"
 SOLVER_VERSION = 3
 """Part of every cache key: raise it with any change that alters a field, its links or their layout."""
 
@@ -146,6 +147,45 @@ class GridSolution:
         if self._error is None:
             self._error = self._compared()
         return self._error
+
+    def kept(self) -> Kept:
+        """The field and its links."""
+        error = None if self._error is None else list(self._error)
+        meta = {"version": SOLVER_VERSION, "resolution": list(self.resolution), "error": error}
+        return Kept(KIND, meta, {"field": self.state[0], "links": self.state[1]})
+
+    @classmethod
+    def restored(
+        cls, space: ConfigurationSpace, goal: FloatArray, options: OracleOptions, kept: Kept
+    ) -> GridSolution:
+        """A solution from what `kept` gave of it.
+
+        Raises:
+            StorageError: It is from another version of the solver, or does not fit the space.
+        """
+        if kept.meta["version"] != SOLVER_VERSION:
+            raise StorageError(
+                f"expected an oracle of solver version {SOLVER_VERSION}, got one of version "
+                f"{kept.meta['version']}, from another version of guided-gym"
+            )
+        own = cls.__new__(cls)
+        own.space, own.goal, own.options, own._cache = space, goal, options, True
+        own._first = own.resolution = tuple(int(n) for n in kept.meta["resolution"])
+        own._refinement, own._depth = 1, 0
+        own._error = None if kept.meta["error"] is None else OracleError(*kept.meta["error"])
+        if len(own.resolution) != space.dimension:
+            raise StorageError(f"expected a grid of {space.dimension} axes, got one of {own.resolution}")
+        frame = _frame(space, goal, own.resolution)
+        nx, ny, nt = (int(n) for n in frame[grid.COUNT_X : grid.COUNT_X + 3])
+        size, field, links = (nx + 2 * PAD) * (ny + 2 * PAD) * nt, kept.arrays["field"], kept.arrays["links"]
+        right = field.dtype == np.float32 and links.dtype == np.uint8
+        if not right or field.shape != (size,) or links.shape != (size,):
+            raise StorageError(
+                f"expected a field of {size} vertices, got {field.dtype} of {field.shape} and "
+                f"{links.dtype} of {links.shape}"
+            )
+        own.state = (field, links, frame, space.geometry)
+        return own
 
     def _solve(self, estimated: bool) -> None:
         """Solve at the present refinement, or load what an earlier process solved."""

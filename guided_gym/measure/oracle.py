@@ -9,19 +9,21 @@ import threading
 from collections import OrderedDict
 from collections.abc import Sequence
 from dataclasses import replace
+from typing import Final
 
 import numpy as np
 import numpy.typing as npt
 
-from guided_gym.errors import InvalidInputError
-from guided_gym.geometry.robots import Robot, rigid
+from guided_gym.errors import InvalidInputError, StorageError
 from guided_gym.geometry.space import ConfigurationSpace
 from guided_gym.kernels.cost_query import OracleState
+from guided_gym.measure import grid, roadmap
 from guided_gym.measure.grid import GridSolution
 from guided_gym.measure.roadmap import RoadmapSolution
 from guided_gym.measure.solution import (
     Configurations,
     FloatArray,
+    Kept,
     OracleError,
     Solution,
     valid_configuration,
@@ -34,10 +36,16 @@ _GRIDS = (2, 3)
 """Dimensions that a grid covers, and covers better than a roadmap."""
 
 
+_KINDS: Final[dict[str, type[GridSolution] | type[RoadmapSolution]]] = {
+    grid.KIND: GridSolution,
+    roadmap.KIND: RoadmapSolution,
+}
+
+
 class Oracle:
     """Shortest-path distances to one goal, d_C(q, t), as exact as its options ask or its budget allows.
 
-    For rigid planar robots over a grid (`guided_gym.measure.grid`), for all others over a roadmap
+    In two and three dimensions over a grid (`guided_gym.measure.grid`), in more over a roadmap
     (`guided_gym.measure.roadmap`): motions are certified, so nothing leaks through walls, however thin.
     Distances are in the metric of the space (length).
 
@@ -76,14 +84,11 @@ class Oracle:
         """
         self.space = space
         self.options = DEFAULT_ORACLE if options is None else options
-        covered = space.dimension in _GRIDS and isinstance(space.robot, Robot)
-        method = self.options.method or ("grid" if covered else "roadmap")
-        if method == "grid":
-            if space.dimension not in _GRIDS:
-                raise InvalidInputError(
-                    f"the oracle's grid covers spaces of 2 or 3 dimensions, got one of {space.dimension}"
-                )
-            rigid(space.robot, "the oracle's grid")
+        method = self.options.method or ("grid" if space.dimension in _GRIDS else "roadmap")
+        if method == "grid" and space.dimension not in _GRIDS:
+            raise InvalidInputError(
+                f"the oracle's grid covers spaces of 2 or 3 dimensions, got one of {space.dimension}"
+            )
         self.goal = valid_configuration(space, goal, "goal")
         begin = None if start is None else valid_configuration(space, start, "start")
         asked = self.options if resolution is None else replace(self.options, resolution=tuple(resolution))
@@ -92,6 +97,28 @@ class Oracle:
 
     def __repr__(self) -> str:
         return f"Oracle({self.space!r}, goal={self.goal.tolist()}, resolution={self.resolution})"
+
+    def kept(self) -> Kept:
+        """What a file keeps of it, for `restored`."""
+        return self._solution.kept()
+
+    @classmethod
+    def restored(
+        cls, space: ConfigurationSpace, goal: FloatArray, kept: Kept, options: OracleOptions | None = None
+    ) -> Oracle:
+        """An oracle from what `kept` gave of it: nothing is solved where that holds the distances.
+
+        Raises:
+            StorageError: Of a kind that is not known, from another version of the solver, or of another
+                space.
+        """
+        if kept.kind not in _KINDS:
+            raise StorageError(f"expected an oracle over a {' or '.join(_KINDS)}, got one over a {kept.kind}")
+        oracle = cls.__new__(cls)
+        oracle.space, oracle.goal = space, np.array(goal, np.float64)
+        oracle.options = DEFAULT_ORACLE if options is None else options
+        oracle._solution = _KINDS[kept.kind].restored(space, oracle.goal, oracle.options, kept)
+        return oracle
 
     @property
     def resolution(self) -> tuple[int, ...]:

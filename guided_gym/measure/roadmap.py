@@ -20,7 +20,7 @@ from guided_gym.kernels.cost_query import OracleState
 from guided_gym.kernels.extend import grow_rrt
 from guided_gym.kernels.roadmap_query import TURNS, Roads, Ways, costs_by_roadmap
 from guided_gym.measure.oracle_store import FieldStore
-from guided_gym.measure.solution import OracleError, free_poses, warn_of
+from guided_gym.measure.solution import Kept, OracleError, free_poses, warn_of
 from guided_gym.options import OracleOptions
 from guided_gym.search.tree import SearchTree
 from guided_gym.structures.nearest import GrowingIndex
@@ -34,6 +34,7 @@ from guided_gym.structures.shortest_paths import (
 
 FloatArray = NDArray[np.float64]
 
+KIND: Final = "roadmap"
 VERSION: Final = 1  # part of every cache key: raise it with any change that alters a roadmap
 A_VERTEX: Final = 200  # vertices of a grid that cost as much as one of a roadmap, whose motions are checked
 _FIRST: Final = 2500  # vertices of the first roadmap
@@ -330,6 +331,7 @@ class RoadmapSolution:
         cache: bool,
     ) -> None:
         self.space, self.goal, self.options, self._cache = space, goal, options, cache
+        self._start = None if start is None else start.tolist()
         self._world: World | None = world_of(space, cache)
         self._most = max(_FIRST, options.budget // A_VERTEX)
         self._count, self._fewer = min(_FIRST, self._most), _FIRST // _SMALLER
@@ -368,6 +370,22 @@ class RoadmapSolution:
         if self._world is None:
             self._world = world_of(self.space, self._cache)
         return self._world
+
+    def kept(self) -> Kept:
+        """Nothing: the roadmap belongs to the space, and is made once on each machine."""
+        return Kept(KIND, {"start": self._start}, {})
+
+    @classmethod
+    def restored(
+        cls, space: ConfigurationSpace, goal: FloatArray, options: OracleOptions, kept: Kept
+    ) -> RoadmapSolution:
+        """The same, solved over the space's roadmap.
+
+        Raises:
+            NoPathError: From another version: no path from the start.
+        """
+        start = kept.meta["start"]
+        return cls(space, goal, None if start is None else np.array(start, np.float64), options, True)
 
     def cost(self, q: FloatArray) -> float:
         """Distance to the goal of one configuration (d,)."""

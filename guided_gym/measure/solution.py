@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import threading
-from collections.abc import Sequence
-from typing import NamedTuple, Protocol
+from collections.abc import Mapping, Sequence
+from typing import Any, NamedTuple, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -33,6 +33,20 @@ class OracleError(NamedTuple):
         return f"{100 * self.mean:.2f} % on average, {100 * self.tail:.2f} % at the 99th percentile"
 
 
+class Kept(NamedTuple):
+    """What a file keeps of a solution, so that another process has it without solving.
+
+    Attributes:
+        kind: Which of the ways to solve it is from.
+        meta: Numbers and lists, as JSON has them.
+        arrays: What is large.
+    """
+
+    kind: str
+    meta: dict[str, Any]
+    arrays: Mapping[str, NDArray[Any]]
+
+
 class Solution(Protocol):
     """Distances to the goal of one task, as one of the ways to solve for them knows them."""
 
@@ -56,6 +70,9 @@ class Solution(Protocol):
 
     def connects(self, q: FloatArray) -> bool:
         """Whether a valid configuration is joined to the goal without anything finer being tried."""
+
+    def kept(self) -> Kept:
+        """What a file keeps of it."""
 
 
 def valid_configuration(space: ConfigurationSpace, q: Configurations, what: str) -> FloatArray:

@@ -23,7 +23,6 @@ KINDS = {
     "best_possible": float,
     "cost": float,
     "region": int,
-    "oracle_error": float,
 }
 
 

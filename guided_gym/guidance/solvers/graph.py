@@ -256,10 +256,10 @@ class GraphCostToGo(ABC):
         """
         factor, space, points = self.graph.multipliers, self.query.space, self.graph.points
         if isinstance(space, Subspace):
-            points, space = space.lift(points), space.whole
+            points = space.lift(points)
         return {
             **({"values": self.graph.distance} if values else {}),
-            "points": space.robot.position(points),
+            "points": points[:, :2],
             "edges": self.graph.edges,
             "alive": np.isfinite(factor),
             "weights": np.where(np.isfinite(factor), factor, 1.0),
