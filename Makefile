@@ -4,7 +4,7 @@ RESULTS ?= results
 SHELL := bash
 .DEFAULT_GOAL := help
 .DELETE_ON_ERROR:
-.PHONY: help run test lint types bench clean
+.PHONY: help run test lint types bench docs clean
 
 # Neither the caller's packages nor files in the current folder may stand in for the installed package.
 unexport PYTHONPATH PYTHONHOME
@@ -14,6 +14,7 @@ export PIP_NO_INPUT = 1
 RUN := .venv
 TEST := .venv-test
 BENCH := .venv-bench
+DOCS := .venv-docs
 PIP_INSTALL := -m pip install --quiet --constraint constraints.txt
 METADATA := pyproject.toml constraints.txt
 # Folders too, so that a file that goes away counts as a change.
@@ -54,8 +55,12 @@ bench: $(BENCH)/.installed ## Run every benchmark; JSON in results/bench
 		$(BENCH)/bin/python "$$program" --json "$(RESULTS)/bench/$$name.json"; \
 	done
 
+docs: $(DOCS)/.installed ## Build the documentation as a site in site/, and check its links
+	@NO_MKDOCS_2_WARNING=1 $(DOCS)/bin/mkdocs --quiet build
+	@echo "site/index.html"
+
 clean: ## Remove environments, builds and caches; results stay
-	@rm -rf $(RUN) $(TEST) $(BENCH) build dist *.egg-info .mypy_cache .ruff_cache .pytest_cache .hypothesis
+	@rm -rf $(RUN) $(TEST) $(BENCH) $(DOCS) site build dist *.egg-info .mypy_cache .ruff_cache .pytest_cache .hypothesis
 	@find guided_gym envs agents train tests benchmarks -name __pycache__ -prune -exec rm -rf {} +
 
 # build/ goes before and after each install: setuptools would pack what an older tree left in it.
@@ -72,6 +77,14 @@ $(BENCH)/.installed: $(METADATA) $(SOURCES)
 	@rm -rf build
 	@test -x $(BENCH)/bin/python || $(PYTHON) -m venv $(BENCH)
 	@$(BENCH)/bin/python $(PIP_INSTALL) '.[bench]'
+	@rm -rf build
+	@touch $@
+
+$(DOCS)/.installed: $(METADATA) $(SOURCES)
+	@echo "Installing guided-gym and mkdocs into $(DOCS) ..."
+	@rm -rf build
+	@test -x $(DOCS)/bin/python || $(PYTHON) -m venv $(DOCS)
+	@$(DOCS)/bin/python $(PIP_INSTALL) '.[docs]'
 	@rm -rf build
 	@touch $@
 

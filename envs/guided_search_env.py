@@ -31,7 +31,14 @@ from guided_gym.errors import (
 from guided_gym.guidance.base import GuidingSpace, draw
 from guided_gym.guidance.registry import make_expander
 from guided_gym.measure.target import Measure, sampling_efficiency
-from guided_gym.options import DEFAULT_CANDIDATES, DEFAULT_TARGET, SearchOptions, TargetParameters
+from guided_gym.options import (
+    DEFAULT_CANDIDATES,
+    DEFAULT_ORACLE,
+    DEFAULT_TARGET,
+    OracleOptions,
+    SearchOptions,
+    TargetParameters,
+)
 from guided_gym.problems import Problem, Task
 from guided_gym.randomness import copied, spawn
 from guided_gym.search.search import Search
@@ -61,6 +68,7 @@ OPTIONS: Final = (
     "goal_edge",
     "rewire",
     "target",
+    "oracle",
     "observe",
     "raster",
     "target_in_info",
@@ -110,8 +118,9 @@ class GuidedSearchEnv(gymnasium.Env[Observation, Action]):
         Always the same keys, scalars all of them: solved, samples, tree_size (nodes), collision_checks,
         invalid_action; sampling_efficiency and best_possible (-log max Q) of this step, NaN after a reset;
         cost (length of the path found, infinite while there is none); region (of the chosen node: which of
-        ``list(problem.regions)``, -1 for none). With ``target_in_info`` also target, the (max_nodes,) Q over
-        the observed tree, padded with zeros: it comes from the oracle and is meant for imitation learning.
+        ``list(problem.regions)``, -1 for none); oracle_error (estimated, relative, on average). With
+        ``target_in_info`` also target, the (max_nodes,) Q over the observed tree, padded with zeros: it comes
+        from the oracle and is meant for imitation learning.
 
     Randomness:
         ``reset(seed=k)`` gives the tree that ``guided_search(problem, guidance, seed=k)`` gives, if the same
@@ -135,12 +144,13 @@ class GuidedSearchEnv(gymnasium.Env[Observation, Action]):
         action: ``"node"`` or ``"distribution"``.
         reward: A name, weights of names, or an object like `guided_gym.envs.rewards.Reward`.
         on_invalid: ``"noop"`` or ``"raise"``.
-        step: Radius of the ball; None for 5 % of the workspace's diagonal.
+        step: Radius of the ball; None for the space's `scale`.
         candidates: Members of the ball that a guided expansion looks at.
         goal_tolerance: The search also ends this near to the goal; None for what the problem says.
         goal_edge: Whether a valid edge to the goal ends the search; None likewise.
         rewire: Rewire the tree as RRT* does.
         target: Parameters of the target distribution Q.
+        oracle: Resolution and budget of the oracle that Q is of.
         observe: What is observed, an object like `guided_gym.envs.observations.Observer` (copied); None for
             the default.
         raster: Cells along each side of the default observation's raster.
@@ -173,6 +183,7 @@ class GuidedSearchEnv(gymnasium.Env[Observation, Action]):
         goal_edge: bool | None = None,
         rewire: bool = False,
         target: TargetParameters = DEFAULT_TARGET,
+        oracle: OracleOptions = DEFAULT_ORACLE,
         observe: Observer | None = None,
         raster: int = 64,
         target_in_info: bool = False,
@@ -188,7 +199,9 @@ class GuidedSearchEnv(gymnasium.Env[Observation, Action]):
         self.distribution = _as_distribution(distribution)
         if split is not None:
             self.distribution = in_split(self.distribution, split)
-        self.options = SearchOptions(step, candidates, rewire, _checked_target(target, self.max_nodes))
+        self.options = SearchOptions(
+            step, candidates, rewire, _checked_target(target, self.max_nodes), oracle
+        )
         Task([0.0], [1.0]).ending(goal_tolerance, goal_edge)  # refuses what is no rule
         self._ending = (goal_tolerance, goal_edge)
         if problems is not None:
@@ -448,6 +461,7 @@ class GuidedSearchEnv(gymnasium.Env[Observation, Action]):
             "best_possible": float(best),
             "cost": path_cost(search),
             "region": NO_REGION,
+            "oracle_error": self.measure.oracle.error.mean,
         }
         if self.target_in_info:
             q = self.measure.distribution()
@@ -457,7 +471,8 @@ class GuidedSearchEnv(gymnasium.Env[Observation, Action]):
     def _region(self, search: Search, node: int) -> int:
         """Index of the region that a node's reference point is in; NO_REGION outside all."""
         if node not in self._regions:
-            x, y = search.tree.nodes.configurations[node, :2].tolist()
+            q = search.tree.nodes.configurations[node]
+            x, y = search.problem.robot.position(q).tolist()
             inside = shapely.intersects_xy(self._areas, x, y)
             first = int(inside.argmax())
             self._regions[node] = first if inside[first] else NO_REGION
@@ -471,9 +486,8 @@ def prepared_regions(problem: Problem) -> NDArray[np.object_]:
     return areas
 
 
-def regions_of(areas: NDArray[np.object_], configurations: NDArray[np.float64]) -> NDArray[np.int64]:
-    """(n,) which of the areas each of (n, d) configurations' reference point is in, NO_REGION outside all."""
-    xy = configurations[:, :2]
+def regions_of(areas: NDArray[np.object_], xy: NDArray[np.float64]) -> NDArray[np.int64]:
+    """(n,) which of the areas each of (n, 2) positions is in, NO_REGION outside all."""
     inside = shapely.intersects_xy(areas, xy[:, :1], xy[:, 1:])
     return np.where(inside.any(axis=1), inside.argmax(axis=1), NO_REGION)
 

@@ -22,10 +22,12 @@ from guided_gym.errors import GuidedGymError, InvalidInputError
 from guided_gym.kernels.pixels import shrink
 from guided_gym.measure.target import Measure
 from guided_gym.search.tree import NO_PARENT
+from guided_gym.trajectories import spaced_path
 
 if TYPE_CHECKING:
     from guided_gym.geometry.environment import Environment
-    from guided_gym.geometry.robots import Robot
+    from guided_gym.geometry.mechanism import Mechanism
+    from guided_gym.geometry.space import ConfigurationSpace
     from guided_gym.problems import Problem
     from guided_gym.search.search import Search
     from guided_gym.search.tree import SearchTree
@@ -38,6 +40,7 @@ SMALLEST_SIZE = 64
 OVERSAMPLING = 2  # drawn this much larger, then scaled down: that is what smooths the edges
 MARGIN = 1 / 40  # of the frame's size, around the workspace
 CAPTION = 1 / 16  # of the frame's size, below the workspace
+_TRACE = 200  # parts of the diagonal, that are drawn straight of the way of an arm's tool
 LARGEST_TREE_WITH_DISCS = 4000  # beyond it the discs of the nodes hide their edges
 
 
@@ -187,13 +190,8 @@ class _Scene:
 
     def _draw_new_failures(self) -> None:
         contacts = self._tree.contacts[self._drawn_failures :]
-        self._base.marks(_positions(contacts), palette.FAILURE)
+        self._base.marks(self._problem.robot.position(contacts), palette.FAILURE)
         self._drawn_failures = self._tree.failure_count
-
-
-def _positions(configurations: Points) -> Points:
-    """(n, 2) where configurations (n, d) are drawn: the robot's reference point in the workspace."""
-    return configurations[..., :2]
 
 
 def _draw_workspace(canvas: _Canvas, environment: Environment) -> None:
@@ -207,7 +205,7 @@ def _draw_workspace(canvas: _Canvas, environment: Environment) -> None:
 
 
 def _draw_tree(canvas: _Canvas, tree: SearchTree, target: Points) -> None:
-    points = canvas.view.pixels(_positions(tree.configurations)).tolist()
+    points = canvas.view.pixels(tree.space.robot.position(tree.configurations)).tolist()
     parents = tree.parents.tolist()
     levels = palette.target_levels(target)
     order = np.argsort(levels, kind="stable").tolist()  # the likeliest on top
@@ -226,11 +224,18 @@ def _draw_task(canvas: _Canvas, problem: Problem) -> None:
 
 
 def _draw_path(canvas: _Canvas, search: Search, path: Points) -> None:
-    pixels = canvas.view.pixels(_positions(path)).tolist()
+    pixels = canvas.view.pixels(trace(search.space, path)).tolist()
     canvas.polyline(pixels, palette.FREE, 5.0)
     canvas.polyline(pixels, palette.PATH, 2.6)
     for q in spaced(search, path)[1:-1]:
         canvas.robot(search.problem.robot, q, palette.PATH, width=1.3)
+
+
+def trace(space: ConfigurationSpace, path: Points) -> Points:
+    """(k, 2) the way of the robot's position along a path (m, d)."""
+    if not space.robot.straight and len(path) > 1:
+        path = spaced_path(space, path, space.extent / _TRACE)
+    return space.robot.position(path)
 
 
 def spaced(search_or_problem: Search | Problem, path: Points, gap: float | None = None) -> Points:
@@ -245,7 +250,7 @@ def spaced(search_or_problem: Search | Problem, path: Points, gap: float | None 
     if len(path) < 2:  # the start is near enough to the goal
         return path
     space = search_or_problem.space
-    gap = max(space.extent / 13, 2.0 * space.robot.radius) if gap is None else gap
+    gap = max(space.extent / 13, space.robot.size) if gap is None else gap
     lengths = np.atleast_1d(space.distance(path[:-1], path[1:]))
     along = np.concatenate([[0.0], np.cumsum(lengths)])
     stops = np.linspace(0.0, along[-1], max(2, round(along[-1] / gap) + 1))
@@ -332,8 +337,11 @@ class _Canvas:
         for x, y in self.view.pixels(points).tolist():
             self.surface.blit(stamp, (round(x) - radius, round(y) - radius))
 
-    def robot(self, robot: Robot, q: Points, colour: Colour, width: float, fill: bool = False) -> None:
-        shape = robot.placed(q)
+    def robot(self, robot: Mechanism, q: Points, colour: Colour, width: float, fill: bool = False) -> None:
+        for shape in robot.place(q):
+            self._body(shape, colour, width, fill)
+
+    def _body(self, shape: Any, colour: Colour, width: float, fill: bool) -> None:
         ring = shape.exterior if isinstance(shape, shapely.Polygon) else shape
         pixels = self.view.pixels(np.asarray(ring.coords)).tolist()
         if len(pixels) == 1:

@@ -186,6 +186,7 @@ class GuidedSearchVectorEnv(VectorEnv[Any, Any, Any]):
         self._terminated, self._truncated = np.zeros(n, np.bool_), np.zeros(n, np.bool_)
         self._ended = np.zeros(n, np.bool_)  # in the last step: to be reset
         self._said = {key: np.full(n, value) for key, value in _GIVEN.items()}
+        self._said["oracle_error"] = np.full(n, math.nan)
 
     # What there is to ask ---------------------------------------------------------------------------------
 
@@ -363,12 +364,12 @@ class GuidedSearchVectorEnv(VectorEnv[Any, Any, Any]):
         for number in np.unique(self._area_numbers[rows]).tolist():
             here = self._area_numbers[rows] == number
             i, node = rows[here], nodes[here]
+            areas = self._areas[i[0]]
+            assert areas is not None
             q = np.empty((i.size, 2))
             for d, trees in self._trees.items():
                 own = self._dimension[i] == d
-                q[own] = trees.configurations[i[own], node[own], :2]
-            areas = self._areas[i[0]]
-            assert areas is not None
+                q[own] = areas[0].robot.position(trees.configurations[i[own], node[own]])
             self._regions[i, node] = regions_of(areas[1], q)
 
     def _rewards(self, stepped: NDArray[np.int64]) -> NDArray[np.float64]:
@@ -408,7 +409,7 @@ class GuidedSearchVectorEnv(VectorEnv[Any, Any, Any]):
             "tree_size": counts[:, kernel.SIZE],
             "collision_checks": counts[:, kernel.CHECKS],
             **{key: self._said[key] for key in ("invalid_action", "sampling_efficiency", "best_possible")},
-            **{key: self._said[key] for key in ("cost", "region")},
+            **{key: self._said[key] for key in ("cost", "region", "oracle_error")},
         }
         if self._template.target_in_info:
             values["target"] = self._targets(mask)
@@ -478,6 +479,7 @@ class GuidedSearchVectorEnv(VectorEnv[Any, Any, Any]):
         for key, value in _GIVEN.items():
             self._said[key][i] = value
         self._said["cost"][i] = path_cost(search)
+        self._said["oracle_error"][i] = measure.oracle.error.mean
 
     def _house(self, i: int, search: Search, trees: kernel.Trees) -> None:
         """Let the tree of a new search live in row i."""

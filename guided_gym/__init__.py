@@ -34,6 +34,8 @@ if TYPE_CHECKING:
         UnknownNameError,
     )
     from guided_gym.geometry.environment import Environment
+    from guided_gym.geometry.linkages import Body, Joint, Linkage
+    from guided_gym.geometry.mechanism import Mechanism
     from guided_gym.geometry.robots import Robot
     from guided_gym.geometry.space import ConfigurationSpace
     from guided_gym.guidance.base import GuidingSpace
@@ -90,6 +92,8 @@ _HOMES: dict[str, tuple[str, ...]] = {
     "catalogue.table": ("distribution_names", "make_distribution", "register_distribution"),
     "errors": ("GuidedGymError", "InvalidInputError", "NoPathError", "StorageError", "UnknownNameError"),
     "geometry.environment": ("Environment",),
+    "geometry.linkages": ("Body", "Joint", "Linkage"),
+    "geometry.mechanism": ("Mechanism",),
     "geometry.robots": ("Robot",),
     "geometry.space": ("ConfigurationSpace",),
     "guidance.base": ("GuidingSpace",),
@@ -173,6 +177,7 @@ _HOME = {name: module for module, names in _HOMES.items() for name in names}
 __all__ = [
     "Agent",
     "Answer",
+    "Body",
     "Choice",
     "ClaimResult",
     "Composed",
@@ -193,10 +198,13 @@ __all__ = [
     "Hybrid",
     "InvalidInputError",
     "JensenShannonReward",
+    "Joint",
     "Lesson",
+    "Linkage",
     "LocalPlanner",
     "MapOptions",
     "Measure",
+    "Mechanism",
     "NoPathError",
     "NodeColumn",
     "Observer",

@@ -112,15 +112,15 @@ def flag(name: str, value: object) -> bool:
     raise InvalidInputError(f"{name}: expected True or False, got {value!r}")
 
 
-def instance(name: str, value: Any, kind: type[T]) -> T:
-    """An object of one class.
+def instance(name: str, value: Any, kind: type[T], called: str = "") -> T:
+    """An object of one class, which messages call by another name if one is given.
 
     Raises:
         InvalidInputError: It is of another class.
     """
     if isinstance(value, kind):
         return value
-    raise InvalidInputError(f"{name}: expected {_article(kind.__name__)}, got {value!r}")
+    raise InvalidInputError(f"{name}: expected {_article(called or kind.__name__)}, got {value!r}")
 
 
 def same_place(one: Any, other: Any) -> bool:

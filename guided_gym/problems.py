@@ -19,7 +19,7 @@ from shapely.geometry.base import BaseGeometry
 from guided_gym.checks import flag, instance, number
 from guided_gym.errors import InvalidInputError
 from guided_gym.geometry.environment import Environment
-from guided_gym.geometry.robots import Robot
+from guided_gym.geometry.mechanism import Mechanism
 from guided_gym.geometry.space import LARGEST_ANGLE, ConfigurationSpace
 
 # By name: files stand above problems.
@@ -98,7 +98,7 @@ class Problem:
             that has the wrong dimension, is out of bounds or touches them, or is in collision.
     """
 
-    robot: Robot
+    robot: Mechanism
     environment: Environment
     task: Task
     name: str = "problem"
@@ -115,16 +115,7 @@ class Problem:
                     f"{self.name}: {label} needs {space.dimension} coordinates for robot "
                     f"{self.robot.name!r}, got {q.size}"
                 )
-            outside = (q < space.lower) | (q > space.upper)
-            if (outside & (space.periods == 0)).any():
-                raise InvalidInputError(
-                    f"{self.name}: {label} {q.tolist()} is out of bounds "
-                    f"{space.lower.tolist()} to {space.upper.tolist()}"
-                )
-            if space.dimension == 3 and abs(q[2]) >= LARGEST_ANGLE:
-                raise InvalidInputError(
-                    f"{self.name}: {label} has the heading {q[2]:g}; expected one below {LARGEST_ANGLE:g}"
-                )
+            self._check_ranges(label, q)
             if not space.valid(q):
                 raise InvalidInputError(
                     f"{self.name}: {label} {q.tolist()} is {self._trouble(q)}; expected a free pose"
@@ -134,10 +125,33 @@ class Problem:
         )
         object.__setattr__(self, "task", task)
 
+    def _check_ranges(self, label: str, q: NDArray[np.float64]) -> None:
+        """Refuse positions out of bounds, joints beyond their limits and angles that are none."""
+        space = self.space
+        periodic = space.periods > 0
+        outside = ((q < space.lower) | (q > space.upper)) & ~periodic
+        for k in np.flatnonzero(outside).tolist():
+            low, high = float(space.lower[k]), float(space.upper[k])
+            if space.names[k] in ("x", "y"):
+                raise InvalidInputError(
+                    f"{self.name}: {label} {q.tolist()} is out of bounds "
+                    f"{space.lower.tolist()} to {space.upper.tolist()}"
+                )
+            raise InvalidInputError(
+                f"{self.name}: {label} has joint {space.names[k]!r} at {q[k]:g}; "
+                f"expected it within its limits, {low:g} to {high:g}"
+            )
+        for k in np.flatnonzero(periodic & (np.abs(q) >= LARGEST_ANGLE)).tolist():
+            what = "heading" if space.names[k] == "theta" else f"angle of joint {space.names[k]!r}"
+            raise InvalidInputError(
+                f"{self.name}: {label} has the {what} {q[k]:g}; expected one below {LARGEST_ANGLE:g}"
+            )
+
     def _trouble(self, q: NDArray[np.float64]) -> str:
         """What is wrong with a pose that is not valid: the bound or obstacle that it comes too near to."""
         xmin, ymin, xmax, ymax = self.environment.bounds
-        tolerance, placed = self.space.tolerance, self.robot.placed(q)
+        tolerance, bodies = self.space.tolerance, self.robot.place(q)
+        placed = shapely.union_all(bodies)
         left, bottom, right, top = placed.bounds
         gaps = {"xmin": left - xmin, "ymin": bottom - ymin, "xmax": xmax - right, "ymax": ymax - top}
         side = min(gaps, key=lambda name: gaps[name])
@@ -149,9 +163,15 @@ class Problem:
             return f"touching the bounds {bounds}: {side} = {bound:g} is {gaps[side]:.3g} {near}"
         distances = shapely.distance(placed, np.array(self.environment.obstacles, dtype=object))
         nearest = int(np.argmin(distances)) if len(distances) else 0
-        if len(distances) and distances[nearest] > 0:
-            return f"in collision: obstacle {nearest} is {distances[nearest]:.3g} {near}"
-        return f"in collision with obstacle {nearest}"
+        if len(distances) and distances[nearest] == 0:
+            return f"in collision with obstacle {nearest}"
+        if self.robot.self_collision:
+            for i, k in self.robot.pairs:
+                gap = shapely.distance(bodies[i], bodies[k])
+                if gap <= 1.001 * tolerance:
+                    away = f": they are {gap:.3g} {near}" if gap > 0 else ""
+                    return f"in collision with itself, body {i} with body {k}{away}"
+        return f"in collision: obstacle {nearest} is {distances[nearest]:.3g} {near}"
 
     @cached_property
     def space(self) -> ConfigurationSpace:

@@ -158,7 +158,7 @@ def headings(space: ConfigurationSpace, path: FloatArray) -> FloatArray:
 
     At the last waypoint that of the motion that arrives; where the robot turns on the spot, the last one.
     """
-    change = np.diff(np.asarray(path, np.float64)[:, :2], axis=0)
+    change = np.diff(space.robot.position(np.asarray(path, np.float64)), axis=0)
     moves = np.hypot(*change.T) > 1e-12 * space.extent
     angles = np.arctan2(change[:, 1], change[:, 0])
     known = np.where(moves, np.arange(len(angles)), -1)
@@ -219,9 +219,7 @@ def path_clearance(space: ConfigurationSpace, path: FloatArray, within: float | 
 
 def _displacement(space: ConfigurationSpace, a: FloatArray, b: FloatArray) -> FloatArray:
     """The farthest that any point of the robot moves between configurations, at most (length)."""
-    change = space.difference(a, b)
-    moved = np.hypot(change[..., 0], change[..., 1])
-    return moved + space.robot.radius * np.abs(change[..., 2]) if space.dimension == 3 else moved
+    return space.robot.displacement(space.difference(a, b))
 
 
 # Times ------------------------------------------------------------------------------------------------------
@@ -368,8 +366,7 @@ def _room_to_round(
         poses = space.wrap(part.at(s))
         # Between two poses the parabola leaves the chord by no more than c h^2 / 4.
         bow = part.c * (s[1] / 2.0) ** 2
-        turned = space.robot.radius * abs(bow[2]) if bow.size == 3 else 0.0
-        sagitta = float(np.hypot(bow[0], bow[1]) + turned)
+        sagitta = float(space.robot.displacement(bow))
         room = max(sagitta, 1e-6 * space.extent)
         free = bool(space.motions_free(poses[:-1], poses[1:]).all())
         if free and path_clearance(space, poses, room) > sagitta + space.tolerance:

@@ -162,6 +162,12 @@ def evaluate(
     normalisation: Annotated[
         str, typer.Option(help="What both are divided by: start, the optimum; tree, their largest values.")
     ] = "start",
+    resolution: Annotated[
+        str, typer.Option(help="Vertices of the oracle's grid along each axis: 128,128,64; it chooses them.")
+    ] = "",
+    oracle_budget: Annotated[
+        int, typer.Option(help="Vertices of the oracle's finest grid, at most.")
+    ] = 4_000_000,
     distributions: Annotated[
         bool, typer.Option("--distributions", help="Measure each guidance's whole distribution too (slow).")
     ] = False,
@@ -170,7 +176,7 @@ def evaluate(
     imports: Imports = None,
 ) -> None:
     """Evaluate guidances on environments: a table, a results file and figures. Call it again to resume."""
-    from guided_gym.options import TargetParameters
+    from guided_gym.options import OracleOptions, TargetParameters
     from guided_gym.train.evaluation import evaluate as run
     from guided_gym.train.specs import EvaluationSettings, file_label, words
 
@@ -185,6 +191,7 @@ def evaluate(
         distributions=distributions,
         goal_edge=goal_edge,
         protocol=protocol,
+        oracle=OracleOptions(_resolution(resolution), budget=oracle_budget),
     )
     names, guidances = words("env", env), words("guidance", guidance)
     label = "+".join(map(file_label, names))
@@ -195,6 +202,19 @@ def evaluate(
             database=database, imports=imports or (), progress=progress,
         )  # fmt: skip
     _report(results, folder, figures, names, guidances, settings, database)
+
+
+def _resolution(text: str) -> tuple[int, ...] | None:
+    """The counts of ``--resolution``; None if it was not given."""
+    from guided_gym.errors import InvalidInputError
+    from guided_gym.train.specs import words
+
+    if not text:
+        return None
+    items = words("resolution", text)
+    if not all(item.isascii() and item.isdigit() and len(item) < 10 for item in items):
+        raise InvalidInputError(f"resolution: expected counts like 128,128,64, got {text!r}")
+    return tuple(map(int, items))
 
 
 @app.command("single-step")

@@ -7,6 +7,7 @@ from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, field
 from functools import cache, partial
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
 import shapely
@@ -30,6 +31,9 @@ from guided_gym.train.specs import (
     made,
     settings_content,
 )
+
+if TYPE_CHECKING:
+    from guided_gym.measure.oracle import Oracle
 
 ELSEWHERE = "elsewhere"  # the region of nodes that lie in no region of their problem
 
@@ -244,7 +248,7 @@ def _first_that_works(plan: Plan, seeds: Sequence[int]) -> int | GuidedGymError:
     trouble: GuidedGymError | None = None
     for seed in seeds:
         try:
-            _optimum(distribution.problem(seed, settings.goal_tolerance, settings.goal_edge))
+            _oracle(distribution.problem(seed, settings.goal_tolerance, settings.goal_edge), settings)
             return seed
         except UNSUITABLE as error:
             trouble = trouble or error
@@ -352,7 +356,7 @@ def _pose(plan: Plan, seed: int) -> None:
 
     distribution, settings = make_distribution(plan.environment), plan.settings
     if not distribution.fixed:
-        _optimum(distribution.problem(seed, settings.goal_tolerance, settings.goal_edge))
+        _oracle(distribution.problem(seed, settings.goal_tolerance, settings.goal_edge), settings)
 
 
 def _skipped(file: ResultsFile, groups: Sequence[_Group], seeds: Sequence[int]) -> dict[str, dict[int, str]]:
@@ -376,8 +380,9 @@ def _run(group: _Group, seed: int) -> Run:
     plan = group.plan
     _warm_up(plan, seed)
     problem, result = run_once(plan, seed)
+    oracle = _oracle(problem, plan.settings)
     efficiency = result.record.efficiency
-    positions = result.tree.configurations[result.record.selected][:, :2]
+    positions = problem.robot.position(result.tree.configurations[result.record.selected])
     return Run(
         environment=plan.environment,
         guidance=plan.spec.label,
@@ -395,7 +400,9 @@ def _run(group: _Group, seed: int) -> Run:
         processor=result.processor,
         looks=result.looks,
         path_cost=result.length,
-        optimum=_optimum(problem),
+        optimum=float(oracle.cost_to_go(problem.task.start)),
+        oracle_error=oracle.error.mean,
+        oracle_tail=oracle.error.tail,
         divergence=_mean(result.record.divergence),
         jensen_shannon=_mean(result.record.jensen_shannon),
         entropy=sample_entropy(result),
@@ -422,16 +429,21 @@ def _compile_here(plans: Sequence[Plan], seeds: Sequence[int]) -> None:
             _warm_up(plan, seed)
 
 
-def _optimum(problem: Problem) -> float:
+def _oracle(problem: Problem, settings: EvaluationSettings) -> Oracle:
+    """The oracle that measures the searches of a problem.
+
+    Raises:
+        NoPathError: It finds no path.
+    """
     from guided_gym.measure.oracle import oracle_for
 
     task = problem.task
-    return float(oracle_for(problem.space, task.goal, start=task.start).cost_to_go(task.start))
+    return oracle_for(problem.space, task.goal, start=task.start, options=settings.oracle)
 
 
 def region_sums(problem: Problem, result: SearchResult) -> dict[str, tuple[float, int]]:
     """Region of the selected node to (sum of SE, samples); the first region that holds a node counts."""
-    positions = result.tree.configurations[result.record.selected][:, :2]
+    positions = problem.robot.position(result.tree.configurations[result.record.selected])
     sums: dict[str, tuple[float, int]] = {}
     left: NDArray[np.bool_] = np.ones(len(positions), bool)
     for name, region in problem.regions.items():

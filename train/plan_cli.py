@@ -216,12 +216,14 @@ def convert(
     poses: dict[str, list[float]] = {}
     if source.suffix.lower() == ".scen":
         from guided_gym.catalogue.files import ScenarioProblems
+        from guided_gym.geometry.robots import rigid
 
         problems = ScenarioProblems(source)
         if not 0 <= task < len(problems):
             raise InvalidInputError(f"task: expected 0 to {len(problems) - 1}, got {task}")
         problem = problems[task]
-        environment, body, model = problem.environment, problem.robot, file_of(problem)
+        model = file_of(problem)
+        environment, body = problem.environment, rigid(problem.robot, "convert")
     else:
         environment, body, poses, weight = _parts(source, robot, start, goal, options)
         model = map_file(source, environment, body, poses, weight)

@@ -10,6 +10,7 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
 from numpy.typing import NDArray
 
+from guided_gym.envs.rendering import trace
 from guided_gym.train import workspace_axes as workspace
 from guided_gym.train.style import COLUMN, PAGE, new_figure, styled
 
@@ -43,7 +44,7 @@ def plan_figure(problem: Problem, answers: Sequence[Answer]) -> Figure:
             workspace.draw_path(axes, problem, answer.path)
         else:
             colour = _SHADES[index % len(_SHADES)]
-            axes.plot(*answer.path[:, :2].T, color=colour, linewidth=1.0, zorder=6)
+            axes.plot(*trace(problem.space, answer.path).T, color=colour, linewidth=1.0, zorder=6)
     solved = [answer for answer in answers if answer.solved]
     if len(answers) == 1 and solved:
         one = solved[0]

@@ -18,6 +18,7 @@ from guided_gym.catalogue.inspection import robot_widths
 from guided_gym.catalogue.maps import read_text
 from guided_gym.checks import integer, number
 from guided_gym.errors import InvalidInputError, StorageError
+from guided_gym.geometry.robots import rigid
 from guided_gym.geometry.space import ConfigurationSpace
 from guided_gym.guidance.base import GuidingSpace
 from guided_gym.guidance.registry import make_guidance
@@ -37,7 +38,6 @@ AUTO: Final = "auto"
 MAX_SAMPLES: Final = 2000
 _FEWEST, _MOST = 56, 160  # cells along the grid
 _CELLS_A_ROBOT: Final = 1.0
-_STEP_RADII: Final = 8.0
 _RESTART_SEED: Final = 2**31  # seeds of later searches begin here
 
 
@@ -124,7 +124,7 @@ class Planner:
         self.problem = problem
         self.space = problem.space
         self.guidance = chosen_guidance(self.space, guidance)
-        self.options = SearchOptions(step=chosen_step(self.space) if step is None else step)
+        self.options = SearchOptions(step=step)
         self.max_samples = integer("max_samples", max_samples, least=1)
         self.smoothing = integer("smooth", smoothing, least=0)
         self.room = number("room", room, least=0, what="length")
@@ -189,20 +189,12 @@ def chosen_guidance(space: ConfigurationSpace, text: str) -> GuidingSpace:
     if text != AUTO:
         return guiding_space(GuidanceSpec.parse(text).make(), "plan")
     xmin, ymin, xmax, ymax = space.environment.bounds
-    least, turning = robot_widths(space.robot)
+    least, turning = robot_widths(rigid(space.robot, AUTO))
     size = max(turning, least) * _CELLS_A_ROBOT
     side = max(xmax - xmin, ymax - ymin)
     wanted = _MOST if size == 0 else side / size
     cells = 8 * math.ceil(min(max(wanted, _FEWEST), _MOST) / 8)
     return make_guidance("wavefront", cells=cells)
-
-
-def chosen_step(space: ConfigurationSpace) -> float | None:
-    """Radius of an expansion that suits the robot among its obstacles; None for the default."""
-    most = 0.05 * space.extent
-    if space.robot.radius == 0:
-        return None
-    return min(most, max(_STEP_RADII * space.robot.radius, 0.1 * most))
 
 
 # Tasks ------------------------------------------------------------------------------------------------------

@@ -23,7 +23,7 @@ from guided_gym.measure.target import padded
 from guided_gym.storage.sqlite_file import FileFormat, connect, storage_errors, transaction
 
 RESULTS_VERSION = 3  # raise it when a column changes its meaning: older rows are computed anew
-_FILE_VERSION = 3  # raise it when the columns change: older files are refused
+_FILE_VERSION = 4  # raise it when the columns change: older files are refused
 RESULTS_FILE = "results.sqlite"
 
 _FORMAT = FileFormat(
@@ -61,6 +61,8 @@ _FORMAT = FileFormat(
             looks INTEGER NOT NULL,
             path_cost REAL,
             optimum REAL NOT NULL,
+            oracle_error REAL NOT NULL,
+            oracle_tail REAL NOT NULL,
             divergence REAL,
             jensen_shannon REAL,
             entropy REAL,
@@ -98,6 +100,8 @@ Column = Literal[
     "path_cost",
     "path_ratio",
     "optimum",
+    "oracle_error",
+    "oracle_tail",
     "divergence",
     "jensen_shannon",
     "entropy",
@@ -129,6 +133,8 @@ class Run:
         looks: How often the guidance itself looked at the workspace during the search, or at a raster of it.
         path_cost: Length of the path found, NaN where unsolved.
         optimum: d_C(s, t) by the oracle.
+        oracle_error: Estimated relative error of that oracle over free poses, on average.
+        oracle_tail: Likewise at the 99th percentile.
         divergence: Mean over the samples of D_KL(P || Q) of the guidance's whole distribution, NaN if it was
             not asked for.
         jensen_shannon: Mean over the samples of D_JS(P || Q), likewise.
@@ -156,6 +162,8 @@ class Run:
     looks: int
     path_cost: float
     optimum: float
+    oracle_error: float
+    oracle_tail: float
     divergence: float
     jensen_shannon: float
     entropy: float
@@ -446,6 +454,8 @@ _COLUMNS = (
     "looks",
     "path_cost",
     "optimum",
+    "oracle_error",
+    "oracle_tail",
     "divergence",
     "jensen_shannon",
     "entropy",

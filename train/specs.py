@@ -18,7 +18,7 @@ from typing import TYPE_CHECKING, Any
 from guided_gym.checks import integer
 from guided_gym.errors import GuidedGymError, InvalidInputError, NoPathError
 from guided_gym.guidance.grammar import FAMILY, JOINED, Call, Option, is_name, parse, split, text_of
-from guided_gym.options import DEFAULT_CANDIDATES, TargetParameters
+from guided_gym.options import DEFAULT_CANDIDATES, DEFAULT_ORACLE, OracleOptions, TargetParameters
 from guided_gym.problems import Task
 from guided_gym.train.results import RESULTS_VERSION
 
@@ -239,6 +239,7 @@ class EvaluationSettings:
         goal_edge: Whether a valid edge to the goal ends a search; None likewise.
         protocol: What is compared: ``"whole"``, ``"selection"`` or ``"expansion"``, see
             `guided_gym.train.protocols`.
+        oracle: Resolution and budget of the oracle by which SE is measured.
     """
 
     max_samples: int = 1000
@@ -251,6 +252,7 @@ class EvaluationSettings:
     distributions: bool = False
     goal_edge: bool | None = None
     protocol: str = "whole"
+    oracle: OracleOptions = DEFAULT_ORACLE
 
     def __post_init__(self) -> None:
         from guided_gym.train.protocols import checked_protocol
@@ -264,7 +266,7 @@ class EvaluationSettings:
         """The part of it that `guided_gym.search.search.Search` takes."""
         from guided_gym.options import SearchOptions
 
-        return SearchOptions(self.step, self.candidates, self.rewire, self.target)
+        return SearchOptions(self.step, self.candidates, self.rewire, self.target, self.oracle)
 
 
 def settings_content(environment: str, spec: GuidanceSpec, settings: EvaluationSettings) -> dict[str, Any]:

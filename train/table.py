@@ -62,6 +62,7 @@ MEASURES = (
     Measure("best_possible", "best possible\nnats", "best_possible", censored=True, better=""),
     Measure("excess_efficiency", "excess SE\nnats", "excess_efficiency", censored=True),
     Measure("path_ratio", "path over\noptimum", "path_ratio"),
+    Measure("oracle_error", "oracle error", "oracle_error", part="", better=""),
     Measure("entropy", "entropy\nnats", "entropy", censored=True, better=""),
     Measure("nodes", "nodes", "nodes", part="cost", censored=True),
     Measure("collision_checks", "collision\nchecks", "collision_checks", part="cost", censored=True),
@@ -297,7 +298,8 @@ def _rich_table(rows: list[Row], part: str) -> Table:
 
 def _title(rows: list[Row]) -> str:
     seeds, skipped = max(row.seeds for row in rows), rows[0].skipped
-    title = f"{rows[0].environment}, {seeds} {'seed' if seeds == 1 else 'seeds'}"
+    error = max(row.figures["oracle_error"].estimate for row in rows)
+    title = f"{rows[0].environment}, {seeds} {'seed' if seeds == 1 else 'seeds'}, oracle error {error:.1%}"
     if skipped:
         first = next(iter(skipped))
         title += f" ({len(skipped)} skipped; the first, seed {first}: {skipped[first]})".replace("[", r"\[")

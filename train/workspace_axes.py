@@ -15,14 +15,15 @@ from matplotlib.path import Path
 from numpy.typing import NDArray
 
 from guided_gym.envs import palette
-from guided_gym.envs.rendering import spaced
+from guided_gym.envs.rendering import spaced, trace
 from guided_gym.geometry.environment import Environment
+from guided_gym.geometry.robots import Robot
 from guided_gym.guidance.cells import Uninformed, Voronoi
 from guided_gym.train.style import INK, TARGET_MAP
 
 if TYPE_CHECKING:
     from guided_gym.geometry.environment import Environment
-    from guided_gym.geometry.robots import Robot
+    from guided_gym.geometry.mechanism import Mechanism
     from guided_gym.guidance.base import GuidingSpace
     from guided_gym.problems import Problem
     from guided_gym.search.search import Search
@@ -64,13 +65,17 @@ def _patch(shape: Any) -> PathPatch:
 
 
 def draw_robot(axes: Axes, problem: Problem, q: FloatArray, colour: str, *, filled: bool = False) -> None:
-    """The robot's outline at a configuration."""
+    """The robot's outlines at a configuration."""
     draw_outline(axes, problem.robot, q, colour, filled=filled)
 
 
-def draw_outline(axes: Axes, robot: Robot, q: FloatArray, colour: str, *, filled: bool = True) -> None:
-    """A robot's outline at a configuration, free or not."""
-    shape = robot.placed(q)
+def draw_outline(axes: Axes, robot: Mechanism, q: FloatArray, colour: str, *, filled: bool = True) -> None:
+    """A robot's outlines at a configuration, free or not."""
+    for shape in robot.place(q):
+        _draw_body(axes, shape, colour, filled)
+
+
+def _draw_body(axes: Axes, shape: Any, colour: str, filled: bool) -> None:
     zorder = _TASK if filled else _PATH
     if isinstance(shape, shapely.Point):
         axes.plot(shape.x, shape.y, "o", color=colour, markersize=4.5 if filled else 2.5, zorder=zorder)
@@ -104,7 +109,7 @@ def draw_task(axes: Axes, problem: Problem) -> None:
 
 def draw_tree(axes: Axes, tree: SearchTree, target: FloatArray | None, norm: Normalize) -> None:
     """Edges and nodes coloured by the target (n,), the likeliest on top; in one colour if it is None."""
-    points, parents = tree.configurations[:, :2], tree.parents
+    points, parents = tree.space.robot.position(tree.configurations), tree.parents
     order = np.arange(len(tree)) if target is None else np.argsort(target, kind="stable")
     children = order[parents[order] >= 0]
     edges = np.stack([points[parents[children]], points[children]], axis=1)
@@ -121,13 +126,15 @@ def draw_tree(axes: Axes, tree: SearchTree, target: FloatArray | None, norm: Nor
 
 def draw_failures(axes: Axes, tree: SearchTree) -> None:
     """Where expansions collided."""
-    points = tree.contacts[:, :2]
+    points = tree.space.robot.position(tree.contacts)
     axes.scatter(points[:, 0], points[:, 1], s=3.0, c=PATH, alpha=0.25, linewidths=0, zorder=_FAILURES)
 
 
 def draw_path(axes: Axes, problem: Problem, path: FloatArray) -> None:
     """The path found, with the robot along it: wide and pale, and below the tree, whose colours mean more."""
-    axes.plot(*path[:, :2].T, color=PALE_PATH, linewidth=4.0, zorder=_PATH, solid_joinstyle="round")
+    axes.plot(
+        *trace(problem.space, path).T, color=PALE_PATH, linewidth=4.0, zorder=_PATH, solid_joinstyle="round"
+    )
     for q in spaced(problem, path)[1:-1]:
         draw_robot(axes, problem, q, PALE_PATH)
 
@@ -182,6 +189,8 @@ def draw_guiding_space(axes: Axes, guidance: GuidingSpace, search: Search, colou
     if "edges" in drawing:
         mappable = _draw_graph(axes, drawing, colour)
         _outline_obstacles(axes, search.problem.environment)
+    elif not isinstance(search.problem.robot, Robot):
+        mappable = None  # h of joint angles is no field over the workspace
     elif isinstance(guidance, Voronoi):
         mappable = _draw_cells(axes, guidance, search, colour)
     elif not isinstance(guidance, Uninformed):

@@ -39,7 +39,7 @@ from guided_gym.catalogue.maps import (
 )
 from guided_gym.errors import InvalidInputError, StorageError
 from guided_gym.geometry.environment import Environment
-from guided_gym.geometry.robots import Robot
+from guided_gym.geometry.robots import Robot, rigid
 from guided_gym.geometry.space import ConfigurationSpace
 from guided_gym.guidance.learned.weights import write_atomically
 from guided_gym.problems import Problem, Task
@@ -410,7 +410,7 @@ def pose_trouble(space: ConfigurationSpace, q: np.ndarray[Any, Any], names: Sequ
         q: (d,) a configuration that is not valid.
         names: What to call the first of the obstacles; the others get their number.
     """
-    placed = space.robot.placed(q)
+    placed = shapely.union_all(space.robot.place(q))
     hits = hit_obstacles(space.environment, placed)
     called = [names[i] if i < len(names) else f"obstacle {i}" for i in hits]
     if called:
@@ -648,7 +648,7 @@ def file_of(problem: Problem, *, length: str = "m", origin: Sequence[float] = (0
             metric=Metric(
                 rotation_weight=None if problem.rotation_weight is None else float(problem.rotation_weight)
             ),
-            robot=RobotPart.of(problem.robot),
+            robot=RobotPart.of(rigid(problem.robot, "problem file")),
             obstacles=[_polygon_part(one) for one in problem.environment.obstacles],
             regions={name: Shape(geojson=_geojson(shape)) for name, shape in problem.regions.items()},
         )

@@ -20,6 +20,7 @@ FloatArray = NDArray[np.float64]
 _RINGS: Final = 60  # distances from a pose that are tried
 _AROUND: Final = 24  # directions at each
 _HEADINGS: Final = 8
+_SEED: Final = 0
 _WIDE: Final = 1.25  # circumcircles beside which a gap is not called narrow
 _SAME_GAP: Final = 0.02  # by how much of itself the room in the middle of a gap may fall short
 
@@ -78,6 +79,8 @@ def nearest_free_pose(space: ConfigurationSpace, q: FloatArray) -> FloatArray | 
         space: The configuration space.
         q: (d,) any configuration.
     """
+    if not isinstance(space.robot, Robot):
+        return _nearest_free(space, q)
     low, high = space.lower[:2], space.upper[:2]
     centre = np.clip(q[:2], low, high)
     radii = space.extent * np.geomspace(1e-4, 1.0, _RINGS)
@@ -96,6 +99,26 @@ def nearest_free_pose(space: ConfigurationSpace, q: FloatArray) -> FloatArray | 
         return None
     inside = space.wrap(np.concatenate([centre, q[2:]]))
     return np.asarray(free[np.argmin(space.distance(free, inside))])
+
+
+def _nearest_free(space: ConfigurationSpace, q: FloatArray) -> FloatArray | None:
+    """A free configuration of a robot with joints near q: of some in each of many shells around it."""
+    rng = np.random.default_rng(_SEED)
+    inside = np.where(space.periods > 0, q, np.clip(q, space.lower, space.upper))
+    across = float(np.linalg.norm((space.upper - space.lower) * space.weights))
+    for radius in across * np.geomspace(1e-4, 1.0, _RINGS):
+        steps = rng.standard_normal((_AROUND * _HEADINGS, space.dimension))
+        steps *= radius / np.linalg.norm(steps, axis=1, keepdims=True) / space.weights
+        around = space.wrap(np.clip(inside + steps, *_reachable(space)))
+        free = around[np.asarray(space.valid(around))]
+        if len(free):
+            return np.asarray(free[np.argmin(space.distance(free, inside))])
+    return None
+
+
+def _reachable(space: ConfigurationSpace) -> tuple[FloatArray, FloatArray]:
+    turns = space.periods > 0
+    return np.where(turns, -np.inf, space.lower), np.where(turns, np.inf, space.upper)
 
 
 def narrow_gaps(environment: Environment, robot: Robot, most: int = 20) -> list[Gap]:

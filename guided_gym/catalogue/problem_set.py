@@ -22,6 +22,7 @@ from guided_gym.compute.workers import map_tasks
 from guided_gym.errors import InvalidInputError, NoPathError, StorageError
 from guided_gym.geometry.convex import Pieces
 from guided_gym.geometry.environment import Environment
+from guided_gym.geometry.mechanism import Mechanism
 from guided_gym.geometry.robots import Robot
 from guided_gym.measure.oracle import Oracle, oracle_for, remember
 from guided_gym.measure.solution import Kept
@@ -298,7 +299,9 @@ def _robot_of(distribution: ProblemDistribution) -> dict[str, Any] | None:
 # Records ----------------------------------------------------------------------------------------------------
 
 
-def _robot_part(robot: Robot) -> dict[str, Any]:
+def _robot_part(robot: Mechanism) -> dict[str, Any]:
+    if not isinstance(robot, Robot):
+        return {"name": robot.name, "dimension": robot.dimension, "description": robot.description}
     return {
         "name": robot.name,
         "dimension": robot.dimension,

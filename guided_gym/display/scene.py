@@ -7,8 +7,11 @@ from typing import TYPE_CHECKING, Any, Final
 import numpy as np
 import shapely
 
+from guided_gym.geometry.linkages import Linkage
+from guided_gym.geometry.robots import rigid
+
 if TYPE_CHECKING:
-    from guided_gym.geometry.robots import Robot
+    from guided_gym.geometry.mechanism import Mechanism
     from guided_gym.problems import Problem
 
 _DIGITS: Final = 6  # of a workspace's size, to which corners are rounded: less than a pixel
@@ -59,27 +62,59 @@ def _rings(polygon: shapely.Polygon, digits: int) -> list[list[float]]:
     return [np.round(shapely.get_coordinates(ring)[:-1], digits).ravel().tolist() for ring in rings]
 
 
-def robot_table(robot: Robot) -> dict[str, Any]:
+def robot_table(robot: Mechanism) -> dict[str, Any]:
     """A robot as a kinematic table.
 
     Returns:
-        ``joints``, in the order of a chain: ``kind`` (``x``, ``y`` or ``turn``), ``coordinate`` (of the
-        configuration), ``parent`` (a joint before it; -1 is the world), ``offset`` in the parent's frame;
-        ``bodies``: ``joint`` that carries it, ``ring`` of flat coordinates in its frame, ``closed``; and
-        ``tip``: ``joint`` and ``point`` that stand for the robot where it is drawn as a point.
+        ``joints``, parents first: ``kind`` (``x``, ``y`` or ``turn``), ``coordinate`` (of the configuration;
+        -1 for one that stays at ``value``), ``parent`` (a joint before it; -1 is the world), ``offset`` in
+        the parent's frame; ``bodies``: ``joint`` that carries it, ``ring`` of flat coordinates in its frame,
+        ``closed``; ``tip``: ``joint`` and ``point`` that stand for the robot where it is drawn as a point.
+
+    Raises:
+        InvalidInputError: A robot that is not planar.
     """
-    kinds = ("x", "y", "turn")[: robot.dimension]
-    joints = [
-        {"kind": kind, "coordinate": i, "parent": i - 1, "offset": [0.0, 0.0]} for i, kind in enumerate(kinds)
-    ]
-    outline, last = robot.outline, len(joints) - 1
-    closed = isinstance(outline, shapely.Polygon)
-    corners = shapely.get_coordinates(outline)[: -1 if closed else None]
-    body = {"joint": last, "ring": corners.ravel().tolist(), "closed": closed}
+    joints: list[dict[str, Any]] = []
+    if isinstance(robot, Linkage):
+        of = _add_joints(robot, joints)
+        bodies = [(of[body.joint], body.outline) for body in robot.bodies]
+        tip, point = of[robot.tool[0]], list(robot.tool[1])
+    else:
+        _add_chain(("x", "y", "turn")[: robot.dimension], joints)
+        tip, point = len(joints) - 1, [0.0, 0.0]
+        bodies = [(tip, rigid(robot, "scene").outline)]
     return {
         "name": robot.name,
         "dimension": robot.dimension,
         "joints": joints,
-        "bodies": [body],
-        "tip": {"joint": last, "point": [0.0, 0.0]},
+        "bodies": [_body(joint, outline) for joint, outline in bodies],
+        "tip": {"joint": tip, "point": point},
     }
+
+
+def _add_chain(kinds: tuple[str, ...], joints: list[dict[str, Any]]) -> None:
+    """One joint for each of the first coordinates."""
+    for i, kind in enumerate(kinds):
+        joints.append({"kind": kind, "coordinate": i, "parent": i - 1, "offset": [0.0, 0.0]})
+
+
+def _add_joints(robot: Linkage, joints: list[dict[str, Any]]) -> list[int]:
+    """The rows of a linkage's joints, and which of them is that of each."""
+    if robot.mobile:
+        _add_chain(("x", "y"), joints)
+    base, of = len(joints), list[int]()
+    for k, joint in enumerate(robot.joints):
+        parent, offset = (of[joint.parent] if joint.parent >= 0 else base - 1), list(joint.offset)
+        if joint.heading:
+            fixed = {"kind": "turn", "coordinate": -1, "value": joint.heading}
+            joints.append({**fixed, "parent": parent, "offset": offset})
+            parent, offset = len(joints) - 1, [0.0, 0.0]
+        joints.append({"kind": "turn", "coordinate": base + k, "parent": parent, "offset": offset})
+        of.append(len(joints) - 1)
+    return of
+
+
+def _body(joint: int, outline: shapely.Geometry) -> dict[str, Any]:
+    closed = isinstance(outline, shapely.Polygon)
+    corners = shapely.get_coordinates(outline)[: -1 if closed else None]
+    return {"joint": joint, "ring": corners.ravel().tolist(), "closed": closed}

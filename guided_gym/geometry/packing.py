@@ -6,10 +6,11 @@ import numpy as np
 import numpy.typing as npt
 
 from guided_gym.geometry.convex import Pieces
-from guided_gym.kernels.collision import Geometry
-from guided_gym.kernels.packing import bounding_boxes, box_tree, pack_pieces
+from guided_gym.kernels.collision import ENTRY, TABLE, Geometry
+from guided_gym.kernels.packing import BASE, bounding_boxes, box_tree, pack_linkage, pack_pieces
 
 FloatArray = npt.NDArray[np.float64]
+IntArray = npt.NDArray[np.int64]
 Bounds = tuple[float, float, float, float]
 
 _FAR = 16.0
@@ -49,3 +50,30 @@ def pack(robot: Pieces, obstacles: Pieces, bounds: Bounds, tolerance: float) -> 
     header = np.array([tolerance, 1.001 * tolerance, radius, *origin])
     sides = np.array(bounds) - [*origin, *origin]
     return pack_pieces(header, sides, robot.vertices, robot.ends, vertices, ends, boxes, nodes, rows)
+
+
+def with_linkage(
+    whole: Geometry,
+    entry: int,
+    mobile: bool,
+    joints: tuple[FloatArray, IntArray],
+    bodies: tuple[FloatArray, IntArray, IntArray],
+    limits: FloatArray,
+    pairs: IntArray,
+) -> Geometry:
+    """A `Geometry` whose robot pieces hang on joints: with the table of `guided_gym.kernels.linkage`.
+
+    Args:
+        whole: All pieces packed, each in the frame of its joint.
+        entry: Address of the function that answers for the robot.
+        mobile: Whether the first two coordinates move the base.
+        joints: (n, 4) offset x, y, heading, length of the offset; (n, 3) parent, coordinate, periodic.
+        bodies: (m, 3) centre x, y and radius of a circle around each; (m,) its joint; (m,) end of its pieces.
+        limits: (d, 2) smallest and largest value of each coordinate.
+        pairs: (p, 2) bodies that must keep off each other.
+    """
+    numbers, index = pack_linkage(
+        whole[0], whole[1], joints[0], joints[1], bodies[0], bodies[1], bodies[2], limits, pairs
+    )
+    index[ENTRY], index[index[TABLE] + BASE] = entry, mobile
+    return numbers, index

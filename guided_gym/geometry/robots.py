@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+import math
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
 from typing import Any
@@ -14,12 +15,16 @@ import shapely
 from guided_gym.checks import number
 from guided_gym.errors import InvalidInputError
 from guided_gym.geometry.convex import Pieces, cover
+from guided_gym.geometry.environment import Environment
+from guided_gym.geometry.mechanism import Coordinates, Mechanism
+from guided_gym.geometry.packing import pack
+from guided_gym.kernels.collision import Geometry
 
 FloatArray = npt.NDArray[np.float64]
 
 
 @dataclass(frozen=True)
-class Robot:
+class Robot(Mechanism):
     """A rigid robot r (paper, section "Preliminaries") that moves in the plane.
 
     Its configuration is (x, y) of the reference point if `dimension` is 2, and (x, y, theta) if it is 3. The
@@ -37,7 +42,7 @@ class Robot:
     """
 
     outline: shapely.Point | shapely.LineString | shapely.Polygon
-    dimension: int = 3
+    dimension: int = 3  # type: ignore[override,unused-ignore]
     name: str = field(default="robot", compare=False)
 
     def __post_init__(self) -> None:
@@ -45,12 +50,7 @@ class Robot:
             raise InvalidInputError(
                 f"a planar robot's dimension is 2 (x, y) or 3 (x, y, theta), not {self.dimension!r}"
             )
-        outline = _only_polygon(self.outline)
-        _check_outline(outline)
-        outline = shapely.force_2d(outline)
-        if isinstance(outline, shapely.Polygon):
-            outline = shapely.orient_polygons(outline)
-        object.__setattr__(self, "outline", outline)
+        object.__setattr__(self, "outline", checked_outline(self.outline))
         if self.dimension == 3 and self.radius == 0.0:
             raise InvalidInputError(
                 "a robot that turns (dimension 3) needs an outline beyond its reference point"
@@ -99,15 +99,91 @@ class Robot:
         Raises:
             InvalidInputError: q is not a finite array of shape (dimension,).
         """
-        pose = np.asarray(q, dtype=np.float64)
-        if pose.shape != (self.dimension,) or not np.isfinite(pose).all():
-            raise InvalidInputError(
-                f"expected a finite configuration of shape ({self.dimension},), got {q!r}"
-            )
+        pose = self.checked(q)
         theta = float(pose[2]) if self.dimension == 3 else 0.0
         c, s = np.cos(theta), np.sin(theta)
         rotation = np.array([[c, s], [-s, c]])
         return shapely.transform(self.outline, lambda points: points @ rotation + pose[:2])
+
+    def place(self, q: Sequence[float] | FloatArray) -> tuple[shapely.Geometry, ...]:
+        """The robot's outline in the workspace, as its only body."""
+        return (self.placed(q),)
+
+    def position(self, q: FloatArray) -> FloatArray:
+        """The reference point: (..., d) -> (..., 2)."""
+        return q[..., :2]
+
+    @property
+    def straight(self) -> bool:
+        """True: the reference point moves on a straight line."""
+        return True
+
+    def coordinates(self, environment: Environment, rotation_weight: float | None = None) -> Coordinates:
+        """(x, y) in the bounds, and (theta) in a turn; w is the robot's circumradius by default."""
+        xmin, ymin, xmax, ymax = environment.bounds
+        weight = self.radius if rotation_weight is None else rotation_weight
+        if self.dimension == 3:
+            weight = number("rotation_weight", weight, above=0)
+        n = self.dimension
+        return Coordinates(
+            ("x", "y", "theta")[:n],
+            np.array([xmin, ymin, -math.pi][:n]),
+            np.array([xmax, ymax, math.pi][:n]),
+            np.array([0.0, 0.0, 2.0 * math.pi][:n]),
+            np.array([1.0, 1.0, float(weight)][:n]),
+        )
+
+    def displacement(self, change: FloatArray) -> FloatArray:
+        """How far any point of the body moves at most: (..., d) -> (...)."""
+        moved: FloatArray = np.hypot(change[..., 0], change[..., 1])
+        return moved + self.radius * np.abs(change[..., 2]) if self.dimension == 3 else moved
+
+    @property
+    def description(self) -> str:
+        """The outline as text."""
+        text: str = shapely.to_wkt(shapely.normalize(self.outline), rounding_precision=12)
+        return text
+
+    def packed(self, environment: Environment, tolerance: float) -> Geometry:
+        """Robot, obstacles and bounds in the arrays of `guided_gym.kernels.collision`."""
+        return pack(self.cover, environment.cover, environment.bounds, tolerance)
+
+    def entry(self) -> int:
+        """0: the kernels of `guided_gym.kernels.collision` are those of a rigid body."""
+        return 0
+
+    def identity(self) -> Iterator[bytes]:
+        """The outline."""
+        yield shapely.to_wkb(self.outline, byte_order=1, include_srid=False)
+
+
+def rigid(robot: Mechanism, who: str) -> Robot:
+    """A rigid planar robot, for those who know no others.
+
+    Args:
+        robot: Any robot.
+        who: Who asks for it, for the message.
+
+    Raises:
+        InvalidInputError: A robot of another kind.
+    """
+    if isinstance(robot, Robot):
+        return robot
+    raise InvalidInputError(
+        f"{who}: expected a rigid planar robot, got {robot.name!r} of {robot.dimension} coordinates"
+    )
+
+
+def checked_outline(outline: object) -> Any:
+    """An outline as robots keep it: in two dimensions, polygons counter-clockwise.
+
+    Raises:
+        InvalidInputError: It is empty, non-finite, self-intersecting, has holes or is of another kind.
+    """
+    outline = _only_polygon(outline)
+    _check_outline(outline)
+    outline = shapely.force_2d(outline)
+    return shapely.orient_polygons(outline) if isinstance(outline, shapely.Polygon) else outline
 
 
 def _positive(what: str, value: float) -> float:

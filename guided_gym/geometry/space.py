@@ -1,4 +1,4 @@
-"""The configuration space of a rigid robot in an environment."""
+"""The configuration space of a robot in an environment."""
 
 from __future__ import annotations
 
@@ -11,16 +11,17 @@ import numpy as np
 import numpy.typing as npt
 import shapely
 
-from guided_gym.checks import instance, number
+from guided_gym.checks import instance
 from guided_gym.errors import InvalidInputError
 from guided_gym.geometry.environment import Environment
-from guided_gym.geometry.packing import local_origin, pack
-from guided_gym.geometry.robots import Robot
+from guided_gym.geometry.mechanism import Mechanism
+from guided_gym.geometry.packing import local_origin
 from guided_gym.kernels import collision
 from guided_gym.kernels.metric import Metric
 
 FloatArray = npt.NDArray[np.float64]
 BoolArray = npt.NDArray[np.bool_]
+IntArray = npt.NDArray[np.int64]
 Configurations = FloatArray | Sequence[float] | Sequence[Sequence[float]]
 
 RELATIVE_TOLERANCE = 1e-6
@@ -46,20 +47,25 @@ LARGEST_ANGLE = 1e12
 class ConfigurationSpace:
     """The configuration space C of a robot in an environment, with its metric and its collision checks.
 
-    Configurations are float64 arrays (d,), or (n, d) in batches: (x, y) or (x, y, theta), theta in [-pi, pi)
-    and periodic. The metric is d(a, b)^2 = |dp|^2 + (w dtheta)^2 with the angle the short way round.
+    Configurations are float64 arrays (d,), or (n, d) in batches: (x, y) or (x, y, theta) of a rigid robot,
+    theta in [-pi, pi) and periodic; the coordinates of its joints for a `Linkage`, of which those that turn
+    freely are periodic. The metric is d(a, b)^2 = sum of (w_i * difference_i)^2, with angles of periodic
+    coordinates the short way round: |dp|^2 + (w dtheta)^2 for a rigid robot.
 
     A pose is valid iff the robot is more than `tolerance` away from all obstacles and inside the bounds by as
-    much. Motions are certified, never sampled: none is called free that comes as near anywhere.
+    much, its joints are within their limits, and, if it is asked for, its own bodies are more than
+    `tolerance` apart. Motions are certified, never sampled: none is called free that comes as near anywhere.
 
     Attributes:
         robot: The robot r.
         environment: The environment E.
         dimension: d.
+        rotation_weight: w as it was asked for; None for the default.
+        names: (d,) what each coordinate is called.
         lower: (d,) smallest value of each coordinate.
         upper: (d,) largest value (exclusive for the angle).
         periods: (d,) period of each coordinate, 0 where it has none.
-        weights: (d,) factor of each coordinate in the metric: 1 for positions, w (length per radian) for the
+        weights: (d,) factor of each coordinate in the metric: 1 for positions, w (length per radian) for an
             angle.
         metric: Weights and periods, as the kernels take them.
         extent: Diagonal of the bounds (length).
@@ -69,7 +75,7 @@ class ConfigurationSpace:
 
     def __init__(
         self,
-        robot: Robot,
+        robot: Mechanism,
         environment: Environment,
         rotation_weight: float | None = None,
         tolerance: float | None = None,
@@ -77,9 +83,10 @@ class ConfigurationSpace:
         """Build the space.
 
         Args:
-            robot: The robot.
+            robot: The robot: a `Robot` or a `Linkage`.
             environment: The environment.
-            rotation_weight: w, length per radian; the robot's circumradius by default.
+            rotation_weight: w, length per radian of all that turns; by default a rigid robot's circumradius,
+                and for each joint of a linkage how far what it carries reaches.
             tolerance: Collision tolerance (length); by default 1e-6 of the diagonal of the bounds, or as much
                 as the rounding of the coordinates asks for: 1e-12 of those of the bounds, 1e-10 of those
                 relative to a corner of the bounds (to the origin where that is near).
@@ -88,28 +95,20 @@ class ConfigurationSpace:
             InvalidInputError: No robot or environment, a weight or tolerance that is not positive and finite,
                 or a tolerance so small beside the coordinates that rounding would matter.
         """
-        instance("robot", robot, Robot)
+        instance("robot", robot, Mechanism, "Robot")  # type: ignore[type-abstract]
         instance("environment", environment, Environment)
         self.robot = robot
         self.environment = environment
+        self.rotation_weight = rotation_weight
         self._fingerprint: str | None = None
         self.dimension = robot.dimension
         self.extent = environment.extent
-        xmin, ymin, xmax, ymax = environment.bounds
-        turns = self.dimension == 3
-        weight = robot.radius if rotation_weight is None else rotation_weight
-        if turns:
-            weight = number("rotation_weight", weight, above=0)
-        angles = slice(0, 3 if turns else 2)
-        self.lower = _frozen([xmin, ymin, -math.pi][angles])
-        self.upper = _frozen([xmax, ymax, math.pi][angles])
-        self.periods = _frozen([0.0, 0.0, 2.0 * math.pi][angles])
-        self.weights = _frozen([1.0, 1.0, float(weight)][angles])
+        self.names, *ranges = robot.coordinates(environment, rotation_weight)
+        self.lower, self.upper, self.periods, self.weights = map(_frozen, ranges)
+        self._turning = _where(self.periods)
         self.metric = Metric(self.weights, self.periods)
         self.tolerance = _checked_tolerance(tolerance, robot, environment)
-        self.geometry: collision.Geometry = pack(
-            robot.cover, environment.cover, environment.bounds, self.tolerance
-        )
+        self.geometry: collision.Geometry = robot.packed(environment, self.tolerance)
 
     @cached_property
     def room(self) -> float:
@@ -139,6 +138,8 @@ class ConfigurationSpace:
                 value.flags.writeable = False
             setattr(self, name, value)
         self.metric = Metric(self.weights, self.periods)
+        if "geometry" in state:  # addresses are those of one process
+            self.geometry[1][collision.ENTRY] = self.robot.entry()
 
     def __repr__(self) -> str:
         obstacles = len(self.environment.obstacles)
@@ -150,10 +151,11 @@ class ConfigurationSpace:
         Antisymmetric to the last bit; half a turn keeps the sign of b - a.
         """
         change: FloatArray = self._many(b) - self._many(a)
-        if self.dimension == 3:
-            if np.abs(change[..., 2]).max(initial=0.0) > _MANY_TURNS:  # many turns would add up rounding
-                change[..., 2] = self.wrap(b)[..., 2] - self.wrap(a)[..., 2]
-            change[..., 2] -= 2.0 * math.pi * np.rint(change[..., 2] / (2.0 * math.pi))
+        if self._turning is not None:
+            turns = change[..., self._turning]
+            if np.abs(turns).max(initial=0.0) > _MANY_TURNS:  # many turns would add up rounding
+                turns = (self.wrap(b) - self.wrap(a))[..., self._turning]
+            change[..., self._turning] = turns - 2.0 * math.pi * np.rint(turns / (2.0 * math.pi))
         return change
 
     def distance(self, a: Configurations, b: Configurations) -> FloatArray:
@@ -168,10 +170,10 @@ class ConfigurationSpace:
         return self.wrap(self._many(a) + fractions * self.difference(a, b))
 
     def wrap(self, q: Configurations) -> FloatArray:
-        """A copy of q with the angle in [-pi, pi)."""
+        """A copy of q with the angles of periodic coordinates in [-pi, pi)."""
         wrapped = self._many(q).copy()
-        if self.dimension == 3:
-            angle = wrapped[..., 2]
+        if self._turning is not None:
+            angle = wrapped[..., self._turning]
             turned = angle - 2.0 * math.pi * np.floor((angle + math.pi) / (2.0 * math.pi))
             inside = (angle >= -math.pi) & (angle < math.pi)
             if not np.abs(angle).max(initial=0.0) <= _MANY_TURNS:
@@ -180,11 +182,11 @@ class ConfigurationSpace:
                 )
             # Rounding may leave the turned angle a hair outside: put it on the closed end.
             turned = np.where((turned >= math.pi) | (turned < -math.pi), -math.pi, turned)
-            wrapped[..., 2] = np.where(inside, angle, turned)
+            wrapped[..., self._turning] = np.where(inside, angle, turned)
         return wrapped
 
     def sample(self, rng: np.random.Generator, n: int) -> FloatArray:
-        """Draw n configurations (n, d), uniform over the bounds and the circle; not checked for validity."""
+        """Draw n configurations (n, d), uniform over all coordinates' ranges; not checked for validity."""
         return self.lower + rng.random((n, self.dimension)) * (self.upper - self.lower)
 
     def valid(self, q: Configurations) -> BoolArray | bool:
@@ -197,7 +199,10 @@ class ConfigurationSpace:
         return collision.poses_free(self._batch(q), self.geometry)
 
     def clearance(self, q: Configurations) -> FloatArray | float:
-        """Distance from the robot to the nearest obstacle or bound, 0 where invalid: (n, d) -> (n,)."""
+        """Distance from the robot to the nearest obstacle or bound, 0 where invalid: (n, d) -> (n,).
+
+        Where its own bodies must keep off each other, their distances count, too.
+        """
         if np.ndim(q) == 1:
             return float(collision.pose_clearance(self._one(q), self.geometry))
         return collision.pose_clearances(self._batch(q), self.geometry)
@@ -230,8 +235,9 @@ class ConfigurationSpace:
         digest = hashlib.sha256(b"guided-gym configuration space 1\n")
         numbers = [self.dimension, self.tolerance, *self.environment.bounds, *self.weights]
         digest.update(np.array(numbers, dtype="<f8").tobytes())
-        shapes = np.array([self.robot.outline, *self.environment.obstacles], dtype=object)
-        for body in shapely.to_wkb(shapes, byte_order=1, include_srid=False).tolist():
+        obstacles = np.array(self.environment.obstacles, dtype=object)
+        shapes = shapely.to_wkb(obstacles, byte_order=1, include_srid=False).tolist()
+        for body in (*self.robot.identity(), *shapes):
             digest.update(len(body).to_bytes(8, "little") + body)
         return digest.hexdigest()
 
@@ -243,7 +249,7 @@ class ConfigurationSpace:
             raise InvalidInputError(
                 f"expected a configuration of shape ({self.dimension},), got shape {q.shape}"
             )
-        if self.dimension == 3 and _MANY_TURNS < abs(q[2]) < LARGEST_ANGLE:
+        if self._turning is not None and _far(q[self._turning]):
             return self.wrap(q)
         return q
 
@@ -253,11 +259,12 @@ class ConfigurationSpace:
             raise InvalidInputError(
                 f"expected configurations of shape (n, {self.dimension}), got shape {batch.shape}"
             )
-        if self.dimension == 3 and len(batch) and not np.abs(batch[:, 2]).max() <= _MANY_TURNS:
-            large = np.abs(batch[:, 2])
-            large = (large > _MANY_TURNS) & (large < LARGEST_ANGLE)
-            batch = batch.copy()
-            batch[large] = self.wrap(batch[large])
+        if self._turning is not None and len(batch):
+            angles = np.abs(batch[:, self._turning])
+            if not angles.max() <= _MANY_TURNS:
+                large = ((angles > _MANY_TURNS) & (angles < LARGEST_ANGLE)).any(axis=1)
+                batch = batch.copy()
+                batch[large] = self.wrap(batch[large])
         return batch
 
     def _pairs(self, starts: Configurations, ends: Configurations) -> tuple[FloatArray, FloatArray]:
@@ -275,13 +282,27 @@ class ConfigurationSpace:
         return many
 
 
-def _frozen(values: list[float]) -> FloatArray:
+def _where(periods: FloatArray) -> slice | IntArray | None:
+    """The coordinates with a period: a slice where they are in a row; None where there are none."""
+    turning = np.flatnonzero(periods)
+    if not turning.size:
+        return None
+    first, last = int(turning[0]), int(turning[-1]) + 1
+    return slice(first, last) if last - first == turning.size else turning
+
+
+def _far(angles: FloatArray) -> bool:
+    """Whether an angle is one of many turns, but still an angle."""
+    return any(_MANY_TURNS < abs(angle) < LARGEST_ANGLE for angle in angles.tolist())
+
+
+def _frozen(values: npt.ArrayLike) -> FloatArray:
     array = np.array(values, dtype=np.float64)
     array.flags.writeable = False
     return array
 
 
-def _checked_tolerance(tolerance: float | None, robot: Robot, environment: Environment) -> float:
+def _checked_tolerance(tolerance: float | None, robot: Mechanism, environment: Environment) -> float:
     """The tolerance, large enough for rounding: in the kernels' coordinates and in the caller's."""
     origin = local_origin(environment.bounds)
     corners = np.concatenate((environment.cover.vertices, np.reshape(environment.bounds, (2, 2))))

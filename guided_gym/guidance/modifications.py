@@ -18,7 +18,8 @@ import shapely
 from guided_gym.checks import instance, integer, number
 from guided_gym.errors import InvalidInputError
 from guided_gym.geometry.environment import Environment
-from guided_gym.geometry.robots import Robot
+from guided_gym.geometry.mechanism import Mechanism
+from guided_gym.geometry.robots import Robot, rigid
 from guided_gym.geometry.space import ConfigurationSpace
 from guided_gym.guidance.solvers.base import Floats
 from guided_gym.guidance.subspace import Subspace
@@ -83,7 +84,7 @@ class SameRobot:
 
 
 class Point:
-    """r' is the robot's reference point, as if nothing else could hit: the workspace (paper, Figure 1 d).
+    """r' is the robot's reference point, or an arm's tool, as if nothing else could hit (paper, Figure 1 d).
 
     Optimistic where that point is part of the robot; one in a notch of it may be inside an obstacle.
     """
@@ -92,11 +93,12 @@ class Point:
 
     def space(self, space: ConfigurationSpace, environment: Environment, start: Floats) -> ConfigurationSpace:
         """The workspace."""
+        self._robot = space.robot
         return _space(space, _body(Robot.point), environment)
 
     def project(self, q: Floats) -> Floats:
-        """(n, 2) positions."""
-        return q[:, :2]
+        """(n, 2) positions: of an arm, of its tool."""
+        return self._robot.position(q)
 
 
 class Disc(Point):
@@ -112,7 +114,8 @@ class Disc(Point):
 
     def space(self, space: ConfigurationSpace, environment: Environment, start: Floats) -> ConfigurationSpace:
         """The space of the disc; of a point where the robot has no room for one."""
-        return _space(space, _disc_of(space.robot, self.outer), environment)
+        self._robot = space.robot
+        return _space(space, _disc_of(rigid(space.robot, "disc"), self.outer), environment)
 
 
 class Subset:
@@ -139,10 +142,12 @@ class Subset:
             )
         whole = SAME.space(space, environment, start)
         self._slice: Subspace | None = None
-        if self.dimensions == (0, 1):  # a body that keeps its heading: a space that every solver takes
+        robot = space.robot
+        if self.dimensions == (0, 1) and isinstance(robot, Robot):
             if space.dimension == 2:
                 return whole
-            return _space(space, _turned(space.robot, float(start[2])), environment)
+            # A body that keeps its heading: a space that every solver takes.
+            return _space(space, _turned(robot, float(start[2])), environment)
         basis = np.eye(space.dimension)[list(self.dimensions)]
         self._slice = Subspace(whole, start, basis)
         return self._slice
@@ -191,13 +196,15 @@ class Principal:
 SAME: Final = SameRobot()
 
 
-def _space(space: ConfigurationSpace, robot: Robot, environment: Environment) -> ConfigurationSpace:
+def _space(space: ConfigurationSpace, robot: Mechanism, environment: Environment) -> ConfigurationSpace:
     """(r', E') with the metric of C, as far as r' has its coordinates; kept, since problems come again."""
-    return _kept_space(robot, environment, float(space.weights[2]) if robot.dimension == 3 else None)
+    if isinstance(robot, Robot):
+        return _kept_space(robot, environment, float(space.weights[2]) if robot.dimension == 3 else None)
+    return _kept_space(robot, environment, space.rotation_weight)
 
 
 @lru_cache(maxsize=64)
-def _kept_space(robot: Robot, environment: Environment, weight: float | None) -> ConfigurationSpace:
+def _kept_space(robot: Mechanism, environment: Environment, weight: float | None) -> ConfigurationSpace:
     return ConfigurationSpace(robot, environment, weight)
 
 
@@ -339,7 +346,8 @@ class Revealed(SameEnvironment):
         obstacles = space.environment.obstacles
         if not obstacles:
             return None
-        away = shapely.distance(np.array(obstacles), space.robot.placed(contact))
+        bodies = shapely.union_all(space.robot.place(contact))
+        away = shapely.distance(np.array(obstacles), bodies)
         hit = int(np.argmin(away))
         if hit in self._known:
             return None

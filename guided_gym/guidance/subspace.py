@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from guided_gym.errors import InvalidInputError
-from guided_gym.geometry.robots import Robot
+from guided_gym.geometry.mechanism import Mechanism
 from guided_gym.geometry.space import BoolArray, Configurations, ConfigurationSpace
 from guided_gym.kernels.collision import Geometry
 from guided_gym.kernels.metric import Metric
@@ -30,7 +30,7 @@ class Subspace(ConfigurationSpace):
         self.whole, self.origin, self.basis = space, origin, basis
         self.environment = space.environment
         self.extent, self.tolerance = space.extent, space.tolerance
-        self.dimension = len(basis)
+        self.dimension, self.rotation_weight = len(basis), space.rotation_weight
         scaled = basis * space.weights
         lengths = np.sqrt((scaled**2).sum(axis=1))
         self._dual = (scaled / lengths[:, None] ** 2) * space.weights
@@ -51,7 +51,7 @@ class Subspace(ConfigurationSpace):
             array.flags.writeable = False
 
     @property
-    def robot(self) -> Robot:  # type: ignore[override]
+    def robot(self) -> Mechanism:  # type: ignore[override]
         """None, nor a geometry for kernels: who asks would take a state for the pose of a body.
 
         Raises:

@@ -4,13 +4,15 @@ The robot and the obstacles are unions of convex pieces; each side of the bounds
 half-plane. All of it is packed (`geometry.packing.pack`) into a `Geometry`: one float64 and one int64 array,
 the same type for every robot.
 
-Layout. `index = [n_robot, n_obstacle, boxes, nodes, node rows, node boxes, rest, rows of the robot pieces
-..., rows of the obstacle pieces ..., rows of the nodes ...]`, where a row of a piece is (first vertex,
-vertices, first axis, axes, sharp) and `boxes` is where the bounding boxes of the obstacle pieces (xmin, ymin,
-xmax, ymax) start in `numbers`. `numbers = [tolerance, margin, radius, origin x, origin y, ...]`; an axis is
-(nx, ny, offset) with an outward unit normal and max n.v over the piece's vertices; a robot vertex is
-(x, y, norm) in the body frame, an obstacle vertex (x, y) relative to the origin. A half-plane has one axis
-and no vertex, a point no axis, a segment two opposite axes.
+Layout. `index = [n_robot, n_obstacle, boxes, nodes, node rows, node boxes, rest, entry, table, rows of the
+robot pieces ..., rows of the obstacle pieces ..., rows of the nodes ...]`, where a row of a piece is (first
+vertex, vertices, first axis, axes, sharp) and `boxes` is where the bounding boxes of the obstacle pieces
+(xmin, ymin, xmax, ymax) start in `numbers`. `numbers = [tolerance, margin, radius, origin x, origin y, ...]`;
+an axis is (nx, ny, offset) with an outward unit normal and max n.v over the piece's vertices; a robot vertex
+is (x, y, norm) in the body frame, an obstacle vertex (x, y) relative to the origin. A half-plane has one axis
+and no vertex, a point no axis, a segment two opposite axes. Entry and table are 0 for a rigid body; other
+robots have the address of the function that answers for them there (`kernels.foreign`), and what it reads
+(`kernels.linkage`).
 
 Broad phase. Where there are many pieces, all but the last ones (from `rest` on: the half-planes) hang in a
 tree of bounding boxes. Its nodes stand in preorder; a node's row is (next node that is not below it, first
@@ -27,7 +29,7 @@ within `tolerance` is never free, and one farther away than 1.43 times that alwa
 A motion is certified against `margin`, a little more than `tolerance` (by more than all rounding), so that
 every pose of a certified motion is free.
 """
-# mypy: disable-error-code="misc,no-any-return"
+# mypy: disable-error-code="misc,no-any-return,call-arg"
 
 from __future__ import annotations
 
@@ -37,17 +39,21 @@ import numpy as np
 import numpy.typing as npt
 from numba import njit
 
+from guided_gym.kernels.foreign import CLEARANCE, FRACTION, POSE_FREE, WHOLE, call
+
 FloatArray = npt.NDArray[np.float64]
 IntArray = npt.NDArray[np.int64]
 BoolArray = npt.NDArray[np.bool_]
 Geometry = tuple[FloatArray, IntArray]
 
-HEADER = 7
+HEADER = 9
 """Entries before the first row in `index`."""
 NUMBERS = 5
 """Entries before the first vertex in `numbers`."""
 ROW = 5
 """Entries of one piece's row in `index`."""
+ENTRY, TABLE = 7, 8
+"""Where `index` says which function answers for a robot that is no rigid body, and where its table begins."""
 
 _MAX_STEPS = 200
 _MAX_COORDINATE = 1e12
@@ -243,6 +249,8 @@ def _pose_free(numbers: FloatArray, index: IntArray, x: float, y: float, theta: 
 @njit(cache=True)
 def pose_free(q: FloatArray, geometry: Geometry) -> bool:
     """Whether the pose q, (x, y) or (x, y, theta), is free (not if non-finite or turned by over 1e4)."""
+    if geometry[1][ENTRY] != 0:
+        return call(geometry[1][ENTRY], POSE_FREE, q, q, geometry[0], geometry[1]) != 0.0
     return _pose_free(geometry[0], geometry[1], q[0], q[1], q[2] if q.shape[0] > 2 else 0.0)
 
 
@@ -250,6 +258,10 @@ def pose_free(q: FloatArray, geometry: Geometry) -> bool:
 def poses_free(qs: FloatArray, geometry: Geometry) -> BoolArray:
     """`pose_free` for each row of qs (n, d): bool array (n,)."""
     free = np.empty(qs.shape[0], dtype=np.bool_)
+    if geometry[1][ENTRY] != 0:
+        for i in range(qs.shape[0]):
+            free[i] = pose_free(qs[i], geometry)
+        return free
     turns = qs.shape[1] > 2
     for i in range(qs.shape[0]):
         free[i] = _pose_free(geometry[0], geometry[1], qs[i, 0], qs[i, 1], qs[i, 2] if turns else 0.0)
@@ -278,12 +290,14 @@ def _obstacle_axes_step(
     dx: float,
     dy: float,
     w: float,
+    drift: float,
     remaining: float,
 ) -> float:
     """Longest time for which one axis of the obstacle piece surely separates the moving robot piece.
 
     The gap of a robot vertex v on a fixed axis u is u.p(t) + u.R(theta(t))v - offset; its second derivative
-    is at least -w^2 |v|, so a parabola bounds it from below.
+    is at least -|p''| - w^2 |v|, so a parabola bounds it from below. `drift` is half of what |p''| is at most
+    (a rigid body's is 0).
     """
     margin = numbers[1]
     vertices, n_vertices = index[r], index[r + 1]
@@ -302,7 +316,7 @@ def _obstacle_axes_step(
                 step = 0.0
                 break
             rate = rate_p + w * (by * vx - bx * vy)
-            bend = 0.5 * w * w * numbers[v + 2]
+            bend = 0.5 * w * w * numbers[v + 2] + drift
             if not gap + (rate - bend * step) * step > 0.0:
                 step = min(step, _first_root(gap, rate, bend))
                 if step <= best:
@@ -327,20 +341,22 @@ def _robot_axes_step(
     dx: float,
     dy: float,
     w: float,
+    speed: float,
+    drift: float,
     remaining: float,
 ) -> float:
     """Longest time for which one axis of the moving robot piece, turning with it, surely separates the piece.
 
     The gap of an obstacle vertex q on an axis u(t) is f = u(t).(q - p(t)) - offset, with
-    f'' = -w^2 u.(q - p) - 2 w u_perp.p', bounded below by -(w^2 (|q - p(0)| + |p'| remaining) + 2 |w| |p'|).
+    f'' = -w^2 u.(q - p) - 2 w u_perp.p' - u.p'', bounded below by
+    -(w^2 (|q - p(0)| + |p'| remaining) + 2 |w| |p'| + |p''|). `speed` is what |p'| is at most.
     """
     margin = numbers[1]
     axes, n_axes = index[r + 2], index[r + 3]
     first, n_corners = index[o], index[o + 1]
     if n_corners == 0:
         return 0.0
-    speed = abs(dx) + abs(dy)
-    bend_p = 0.5 * w * w * speed * remaining + abs(w) * speed
+    bend_p = 0.5 * w * w * speed * remaining + abs(w) * speed + drift
     best = 0.0
     for e in range(axes, axes + 3 * n_axes, 3):
         ux, uy = c * numbers[e] - s * numbers[e + 1], s * numbers[e] + c * numbers[e + 1]
@@ -381,15 +397,17 @@ def _pair_fraction(
     limit: float,
 ) -> float:
     """The part of [0, limit] in which a robot piece surely stays off an obstacle piece."""
-    shortest = 1e-3 * numbers[0] / (abs(dx) + abs(dy) + numbers[2] * abs(w) + 1e-300)
+    speed = abs(dx) + abs(dy)
+    shortest = 1e-3 * numbers[0] / (speed + numbers[2] * abs(w) + 1e-300)
     t = 0.0
     for _ in range(_MAX_STEPS):
         px, py, angle = x + t * dx, y + t * dy, theta + t * w
         c, s = math.cos(angle), math.sin(angle)
         remaining = limit - t
-        step = _obstacle_axes_step(numbers, index, r, o, px, py, c, s, dx, dy, w, remaining)
+        step = _obstacle_axes_step(numbers, index, r, o, px, py, c, s, dx, dy, w, 0.0, remaining)
         if step < remaining:
-            step = max(step, _robot_axes_step(numbers, index, r, o, px, py, c, s, dx, dy, w, remaining))
+            turning = _robot_axes_step(numbers, index, r, o, px, py, c, s, dx, dy, w, speed, 0.0, remaining)
+            step = max(step, turning)
         if step >= remaining:
             return limit
         t += step
@@ -411,6 +429,7 @@ def _axis_step(
     dx: float,
     dy: float,
     w: float,
+    drift: float,
     remaining: float,
 ) -> float:
     """For how long one axis surely separates the moving robot piece, as in `_obstacle_axes_step`."""
@@ -423,7 +442,7 @@ def _axis_step(
         if not gap > 0.0:
             return 0.0
         rate = ux * dx + uy * dy + w * (by * vx - bx * vy)
-        bend = 0.5 * w * w * numbers[v + 2]
+        bend = 0.5 * w * w * numbers[v + 2] + drift
         if not gap + (rate - bend * step) * step > 0.0:
             step = min(step, _first_root(gap, rate, bend))
     return step
@@ -448,16 +467,18 @@ def _tip_fraction(
 
     Where a vertex passes a vertex, the axes along the edges give out long before they touch.
     """
-    shortest = 1e-3 * numbers[0] / (abs(dx) + abs(dy) + numbers[2] * abs(w) + 1e-300)
+    speed = abs(dx) + abs(dy)
+    shortest = 1e-3 * numbers[0] / (speed + numbers[2] * abs(w) + 1e-300)
     for _ in range(_MAX_STEPS):
         px, py, angle = x + t * dx, y + t * dy, theta + t * w
         c, s = math.cos(angle), math.sin(angle)
         remaining = limit - t
         axis = _axis_across(numbers, index, r, o, px, py, c, s)
-        step = _axis_step(numbers, index, r, axis, px, py, c, s, dx, dy, w, remaining)
+        step = _axis_step(numbers, index, r, axis, px, py, c, s, dx, dy, w, 0.0, remaining)
         if step < remaining:
-            step = max(step, _obstacle_axes_step(numbers, index, r, o, px, py, c, s, dx, dy, w, remaining))
-            step = max(step, _robot_axes_step(numbers, index, r, o, px, py, c, s, dx, dy, w, remaining))
+            fixed = _obstacle_axes_step(numbers, index, r, o, px, py, c, s, dx, dy, w, 0.0, remaining)
+            turning = _robot_axes_step(numbers, index, r, o, px, py, c, s, dx, dy, w, speed, 0.0, remaining)
+            step = max(step, fixed, turning)
         if step >= remaining:
             return limit
         if step < shortest:
@@ -543,6 +564,8 @@ def motion_fraction(a: FloatArray, b: FloatArray, geometry: Geometry) -> float:
 
     Position and angle (the short way round) are interpolated linearly. 0.0 when a itself is not free.
     """
+    if geometry[1][ENTRY] != 0:
+        return call(geometry[1][ENTRY], FRACTION, a, b, geometry[0], geometry[1])
     theta = a[2] if a.shape[0] > 2 else 0.0
     return _motion_fraction(
         geometry[0], geometry[1], a[0], a[1], theta, b[0] - a[0], b[1] - a[1], _turn(a, b), False
@@ -558,6 +581,8 @@ def motion_free(a: FloatArray, b: FloatArray, geometry: Geometry) -> bool:
     """
     if not _ordered(a, b):
         a, b = b, a
+    if geometry[1][ENTRY] != 0:
+        return call(geometry[1][ENTRY], WHOLE, a, b, geometry[0], geometry[1]) == 1.0
     theta = a[2] if a.shape[0] > 2 else 0.0
     return (
         _motion_fraction(
@@ -698,6 +723,8 @@ def _pose_clearance(numbers: FloatArray, index: IntArray, x: float, y: float, th
 @njit(cache=True)
 def pose_clearance(q: FloatArray, geometry: Geometry) -> float:
     """Distance from the robot at pose q to the nearest obstacle or bound; 0.0 where the pose is not free."""
+    if geometry[1][ENTRY] != 0:
+        return call(geometry[1][ENTRY], CLEARANCE, q, q, geometry[0], geometry[1])
     return _pose_clearance(geometry[0], geometry[1], q[0], q[1], q[2] if q.shape[0] > 2 else 0.0)
 
 
@@ -705,6 +732,10 @@ def pose_clearance(q: FloatArray, geometry: Geometry) -> float:
 def pose_clearances(qs: FloatArray, geometry: Geometry) -> FloatArray:
     """`pose_clearance` for each row of qs (n, d): float64 array (n,)."""
     clearances = np.empty(qs.shape[0])
+    if geometry[1][ENTRY] != 0:
+        for i in range(qs.shape[0]):
+            clearances[i] = pose_clearance(qs[i], geometry)
+        return clearances
     turns = qs.shape[1] > 2
     for i in range(qs.shape[0]):
         clearances[i] = _pose_clearance(

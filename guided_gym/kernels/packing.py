@@ -12,7 +12,7 @@ import numpy as np
 import numpy.typing as npt
 from numba import njit
 
-from guided_gym.kernels.collision import HEADER, NUMBERS, ROW
+from guided_gym.kernels.collision import ENTRY, HEADER, NUMBERS, ROW, TABLE
 
 FloatArray = npt.NDArray[np.float64]
 IntArray = npt.NDArray[np.int64]
@@ -155,6 +155,7 @@ def pack_pieces(
         at, row = at + 3, row + ROW
     index[0], index[1], index[2], index[3], index[4] = r, p, at, m, row
     index[5], index[6] = at + 4 * p, p - 4 if m > 0 else 0
+    index[ENTRY] = index[TABLE] = 0
     numbers[at : at + 4 * p - 16] = boxes.ravel()
     at += 4 * p - 16
     for k in _SIDES:
@@ -164,6 +165,71 @@ def pack_pieces(
     numbers[at : at + 4 * m] = nodes.ravel()
     index[row : row + 3 * m] = rows.ravel()
     return numbers[: at + 4 * m].copy(), index
+
+
+JOINTS, BODIES, PAIRS, BASE, JOINT_NUMBERS, BODY_NUMBERS, LIMITS, OWN_ROWS = range(8)
+"""Entries before the rows of a linkage's table; `guided_gym.kernels.linkage` says what they are."""
+TABLE_HEADER = 8
+
+
+@njit(cache=True)
+def pack_linkage(
+    numbers: FloatArray,
+    index: IntArray,
+    joints: FloatArray,
+    joint_rows: IntArray,
+    circles: FloatArray,
+    body_joints: IntArray,
+    body_ends: IntArray,
+    limits: FloatArray,
+    pairs: IntArray,
+) -> tuple[FloatArray, IntArray]:
+    """The two arrays of a `Geometry` with the table of a linkage behind them, but for its entry and base.
+
+    Args:
+        numbers: Those of all pieces.
+        index: Likewise.
+        joints: (n, 4) offset x, y, heading, length of the offset.
+        joint_rows: (n, 3) parent, coordinate, periodic.
+        circles: (m, 3) centre x, y and radius of a circle around each body.
+        body_joints: (m,) the joint of each body.
+        body_ends: (m,) where its pieces end.
+        limits: (d, 2) smallest and largest value of each coordinate.
+        pairs: (p, 2) bodies that must keep off each other.
+    """
+    n, m, p, pieces = joints.shape[0], circles.shape[0], pairs.shape[0], index[0]
+    corners = 0
+    for i in range(pieces):
+        corners += index[HEADER + ROW * i + 1]
+    table, at = index.size, numbers.size
+    room = np.empty(at + joints.size + circles.size + limits.size + 5 * corners)
+    rows = np.zeros(table + TABLE_HEADER + 3 * (n + m) + 2 * p + ROW * pieces, dtype=np.int64)
+    room[:at], rows[:table] = numbers, index
+    rows[TABLE] = table
+    rows[table + JOINTS], rows[table + BODIES], rows[table + PAIRS] = n, m, p
+    for which, values in ((JOINT_NUMBERS, joints), (BODY_NUMBERS, circles), (LIMITS, limits)):
+        rows[table + which] = at
+        room[at : at + values.size] = values.ravel()
+        at += values.size
+    row = table + TABLE_HEADER
+    rows[row : row + 3 * n] = joint_rows.ravel()
+    row += 3 * n
+    for i in range(m):
+        rows[row] = body_joints[i]
+        rows[row + 1] = HEADER + ROW * (body_ends[i - 1] if i > 0 else 0)
+        rows[row + 2] = HEADER + ROW * body_ends[i]
+        row += 3
+    rows[row : row + 2 * p] = pairs.ravel()
+    row += 2 * p
+    rows[table + OWN_ROWS] = row
+    for i in range(pieces):
+        own = HEADER + ROW * i
+        xy = np.empty((index[own + 1], 2))
+        for k in range(index[own + 1]):
+            xy[k] = numbers[index[own] + 3 * k : index[own] + 3 * k + 2]
+        at = _put_piece(xy, 0, index[own + 1], False, room, at, rows, row)
+        row += ROW
+    return room[:at].copy(), rows
 
 
 @njit(cache=True)

@@ -15,6 +15,7 @@ import numpy as np
 import numpy.typing as npt
 
 from guided_gym.errors import InvalidInputError, StorageError
+from guided_gym.geometry.robots import Robot, rigid
 from guided_gym.geometry.space import ConfigurationSpace
 from guided_gym.kernels.cost_query import OracleState
 from guided_gym.measure import grid, roadmap
@@ -45,7 +46,7 @@ _KINDS: Final[dict[str, type[GridSolution] | type[RoadmapSolution]]] = {
 class Oracle:
     """Shortest-path distances to one goal, d_C(q, t), as exact as its options ask or its budget allows.
 
-    In two and three dimensions over a grid (`guided_gym.measure.grid`), in more over a roadmap
+    For rigid planar robots over a grid (`guided_gym.measure.grid`), for all others over a roadmap
     (`guided_gym.measure.roadmap`): motions are certified, so nothing leaks through walls, however thin.
     Distances are in the metric of the space (length).
 
@@ -84,11 +85,14 @@ class Oracle:
         """
         self.space = space
         self.options = DEFAULT_ORACLE if options is None else options
-        method = self.options.method or ("grid" if space.dimension in _GRIDS else "roadmap")
-        if method == "grid" and space.dimension not in _GRIDS:
-            raise InvalidInputError(
-                f"the oracle's grid covers spaces of 2 or 3 dimensions, got one of {space.dimension}"
-            )
+        covered = space.dimension in _GRIDS and isinstance(space.robot, Robot)
+        method = self.options.method or ("grid" if covered else "roadmap")
+        if method == "grid":
+            if space.dimension not in _GRIDS:
+                raise InvalidInputError(
+                    f"the oracle's grid covers spaces of 2 or 3 dimensions, got one of {space.dimension}"
+                )
+            rigid(space.robot, "the oracle's grid")
         self.goal = valid_configuration(space, goal, "goal")
         begin = None if start is None else valid_configuration(space, start, "start")
         asked = self.options if resolution is None else replace(self.options, resolution=tuple(resolution))

@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 from scipy.sparse import coo_array
 from scipy.sparse.csgraph import dijkstra
 
+from guided_gym.geometry.robots import rigid
 from guided_gym.geometry.space import ConfigurationSpace
 
 FloatArray = NDArray[np.float64]
@@ -204,7 +205,7 @@ def _poses(
         middles[:, None] + along[:, None] * direction[:, None] + aside[..., None] * across[:, None]
     )
     if turns:
-        long, offset = _slab(space.robot.outline)
+        long, offset = _slab(rigid(space.robot, "oracle").outline)
         angle = np.arctan2(direction[:, 1], direction[:, 0]) - long
         angles = angle[:, None] + np.repeat([0.0, math.pi], _POSES) + 2.0 * _TURN * jitter[..., 1]
         poses[..., 2] = angles

@@ -18,7 +18,6 @@ from types import TracebackType
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-import shapely
 from numpy.typing import ArrayLike
 
 from guided_gym.errors import InvalidInputError, StorageError
@@ -77,10 +76,9 @@ class DatabaseHeader:
     def for_space(cls, name: str, space: ConfigurationSpace) -> DatabaseHeader:
         """Make the header of paths through `space`, or through others with the same robot and metric.
 
-        The robot's fingerprint is its outline as text: readable, and the same in every process.
+        The robot's fingerprint is its description as text: readable, and the same in every process.
         """
-        outline = shapely.to_wkt(shapely.normalize(space.robot.outline), rounding_precision=12)
-        return cls.of(name, outline, space.weights, space.periods)
+        return cls.of(name, space.robot.description, space.weights, space.periods)
 
     @property
     def dimension(self) -> int:

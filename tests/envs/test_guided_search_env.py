@@ -20,6 +20,7 @@ from guided_gym import (
     GuideSelectionEnv,
     InvalidInputError,
     NoPathError,
+    OracleOptions,
     Problem,
     Robot,
     SampledProblems,
@@ -282,6 +283,17 @@ def test_info_says_in_which_region_the_chosen_node_is():
     env = make(point_problem(regions=regions))
     *_, info = env.step(0)
     assert info["region"] == 0
+
+
+def test_info_says_how_well_the_oracle_knows_what_is_rewarded(problem):
+    said = []
+    for oracle in (OracleOptions(), OracleOptions(resolution=(8, 8, 4)[: problem.space.dimension])):
+        env = GuidedSearchEnv(problem, max_nodes=32, oracle=oracle)
+        _, info = env.reset(seed=0)
+        assert info["oracle_error"] == env.measure.oracle.error.mean == env.step(0)[4]["oracle_error"]
+        assert env.measure.oracle.options == oracle
+        said.append(info["oracle_error"])
+    assert 0 < said[0] < 0.01 and said[0] < 0.5 * said[1]
 
 
 def test_target_in_info_is_q_over_the_observed_tree(problem):

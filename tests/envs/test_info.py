@@ -23,6 +23,7 @@ KINDS = {
     "best_possible": float,
     "cost": float,
     "region": int,
+    "oracle_error": float,
 }
 
 

@@ -36,6 +36,8 @@ def synthetic_run(
         "looks": 3 * samples,
         "path_cost": 10.0 if solved else float("nan"),
         "optimum": 9.0,
+        "oracle_error": 0.004,
+        "oracle_tail": 0.02,
         "divergence": float("nan"),
         "jensen_shannon": float("nan"),
         "entropy": 1.5,

@@ -74,7 +74,13 @@ def test_doctor__names_versions_and_folders() -> None:
 def test_evaluate__prints_the_table_and_writes_the_files(tmp_path: Path) -> None:
     code, out, _ = invoke(*COMMAND, "--guidance", "rrt, goal_distance", "--out", tmp_path, "--no-figures")
     assert code == 0
-    for text in ("Cup, 2 seeds", "goal_distance", "SE per sample", "best possible", RESULTS_FILE):
+    for text in (
+        "Cup, 2 seeds, oracle error 0.",
+        "goal_distance",
+        "SE per sample",
+        "best possible",
+        RESULTS_FILE,
+    ):
         assert text in out
     rows = json.loads((tmp_path / "table.json").read_text())
     assert {row["guidance"] for row in rows} == {"rrt", "goal_distance"}
@@ -98,7 +104,8 @@ def test_evaluate__draws(tmp_path: Path) -> None:
 def test_evaluate__by_a_protocol_rewired_and_normalised_by_the_tree(tmp_path: Path, monkeypatch) -> None:
     monkeypatch.chdir(tmp_path)
     command = [*COMMAND, "--guidance", "rrt,oracle", "--protocol", "selection", "--no-figures"]
-    code, out, _ = invoke(*command, "--rewire", "--normalisation", "tree")
+    oracle = "--resolution", "32,32,16", "--oracle-budget", "50000"
+    code, out, _ = invoke(*command, "--rewire", "--normalisation", "tree", *oracle)
     assert code == 0
     assert "Least excess SE" in " ".join(out.split())
     assert (tmp_path / "results" / "Cup-selection" / RESULTS_FILE).exists()
@@ -107,6 +114,9 @@ def test_evaluate__by_a_protocol_rewired_and_normalised_by_the_tree(tmp_path: Pa
     settings = json.loads(content)["settings"]
     assert (settings["protocol"], settings["rewire"]) == ("selection", True)
     assert settings["target"]["normalisation"] == "tree"
+    assert (settings["oracle"]["resolution"], settings["oracle"]["budget"]) == ([32, 32, 16], 50_000)
+    rows = json.loads((tmp_path / "results" / "Cup-selection" / "table.json").read_text())
+    assert all(0.005 < row["oracle_error"] < 0.2 for row in rows)  # a grid as coarse as that
     assert invoke(*COMMAND, "--guidance", "rrt", "--protocol", "expansion", "--no-figures")[0] == 0
 
 
@@ -141,6 +151,12 @@ def test_help__names_the_extra() -> None:
         (["evaluate", "--env", "Cup", "--expansion", "unifrom"], "did you mean 'uniform'"),
         (["evaluate", "--env", "Cup", "--protocol", "both"], "protocol: expected one of whole, selection"),
         (["evaluate", "--env", "Cup", "--normalisation", "none"], "normalisation: expected 'start' or"),
+        (["evaluate", "--env", "Cup", "--resolution", "32,x"], "resolution: expected counts like"),
+        (
+            ["evaluate", "--env", "Cup", "--resolution", "2,2,2"],
+            "resolution: expected an integer, at least 4",
+        ),
+        (["evaluate", "--env", "Cup", "--oracle-budget", "5"], "budget: expected an integer, at least 10000"),
         (["evaluate", "--env", "Cup", "--workers", "0"], "workers: expected an integer, at least 1"),
         (["evaluate", "--env", "Cup", "--guidance", "rrt", "--database", __file__], "expected path_database"),
         (["reproduce", "--seeds", "0"], "seeds: expected an integer, at least 1"),

@@ -135,7 +135,7 @@ def test_file__of_an_older_version_says_what_to_do(tmp_path: Path, make_run: Mak
     with sqlite3.connect(tmp_path / RESULTS_FILE) as connection:
         connection.execute("PRAGMA user_version = 1")
     connection.close()
-    with pytest.raises(StorageError, match=r"version 3 .* got version 1; .* choose another folder"):
+    with pytest.raises(StorageError, match=r"version 4 .* got version 1; .* choose another folder"):
         ResultsFile.in_folder(tmp_path)
 
 

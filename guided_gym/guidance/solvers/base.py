@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from guided_gym.errors import InvalidInputError
+from guided_gym.geometry.robots import rigid
 from guided_gym.geometry.space import ConfigurationSpace
 from guided_gym.guidance.subspace import Subspace
 
@@ -97,6 +98,16 @@ def require_dimensions(solver: str, query: Query, *dimensions: int) -> None:
             f"{solver}: expected a guiding space of {expected} dimensions, got {query.space.dimension}; "
             "a robot modification, such as robot=point, makes others of them"
         )
+
+
+def require_rigid(solver: str, query: Query) -> None:
+    """Refuse robots with joints: for solvers to which a state is a place, and perhaps a heading.
+
+    Raises:
+        InvalidInputError: The configuration space of a linkage, or a `Subspace`.
+    """
+    require_body(solver, query)
+    rigid(query.space.robot, solver)
 
 
 def require_body(solver: str, query: Query) -> None:

@@ -256,10 +256,10 @@ class GraphCostToGo(ABC):
         """
         factor, space, points = self.graph.multipliers, self.query.space, self.graph.points
         if isinstance(space, Subspace):
-            points = space.lift(points)
+            points, space = space.lift(points), space.whole
         return {
             **({"values": self.graph.distance} if values else {}),
-            "points": points[:, :2],
+            "points": space.robot.position(points),
             "edges": self.graph.edges,
             "alive": np.isfinite(factor),
             "weights": np.where(np.isfinite(factor), factor, 1.0),

@@ -235,7 +235,9 @@ def _by_occupancy(library: PathLibrary, query: Query, count: int) -> Ints:
         path = library.path(int(i))
         t = np.linspace(0.0, 1.0, 8)[:, None]
         inner = query.space.interpolate(path[:-1], path[1:], np.broadcast_to(t, (8, len(path) - 1)))
-        clearance = query.space.environment.clearance(inner.reshape(-1, path.shape[1])[:, :2])
+        clearance = query.space.environment.clearance(
+            query.space.robot.position(inner.reshape(-1, path.shape[1]))
+        )
         blocked.append(float(np.mean(clearance <= 0.0)))
     return ids[np.argsort(blocked, kind="stable")[:count]]
 

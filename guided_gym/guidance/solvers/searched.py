@@ -47,7 +47,7 @@ class Searched(GraphCostToGo):
         if self._open:
             # By nearness alone, so that the search does not end where it sees the start.
             task = Task(goal, start, tolerance=1e-6 * space.extent, by_edge=False)
-            problem = Problem(space.robot, space.environment, task, rotation_weight=_turning(space.weights))
+            problem = Problem(space.robot, space.environment, task, rotation_weight=space.rotation_weight)
             expansion, choice = self.rng.spawn(2)
             search = Search(problem, expansion, choice)
             search.attach(self.guidance)
@@ -70,7 +70,3 @@ class Searched(GraphCostToGo):
     def vertices_near(self, state: Floats, reach: float) -> Ints:
         """Nodes of the tree within ``reach`` of a state."""
         return self._index.within(state, reach)
-
-
-def _turning(weights: Floats) -> float | None:
-    return float(weights[2]) if weights.size == 3 else None

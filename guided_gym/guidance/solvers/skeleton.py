@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from guided_gym.checks import number
 from guided_gym.errors import InvalidInputError
 from guided_gym.geometry.environment import Environment
-from guided_gym.guidance.solvers.base import require_body, require_dimensions
+from guided_gym.guidance.solvers.base import require_dimensions, require_rigid
 from guided_gym.guidance.solvers.graph import Anchors, Graph, GraphCostToGo
 from guided_gym.kernels.anchors import edge_anchors, nearest_segments
 from guided_gym.structures.shortest_paths import graph_from_edges
@@ -222,7 +222,7 @@ class Skeleton(GraphCostToGo):
             InvalidInputError: A space of other than 2 dimensions, or one too small for a skeleton.
         """
         require_dimensions("skeleton", self.query, 2)
-        require_body("skeleton", self.query)
+        require_rigid("skeleton", self.query)
         space, goal = self.query.space, self.query.goal
         points, edges = medial_axis(space.environment, self.spacing * space.scale)
         split, fraction, _ = nearest_segments(goal[None], points[edges[:, 0]], points[edges[:, 1]])

@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 from guided_gym.checks import integer, number
 from guided_gym.errors import InvalidInputError
 from guided_gym.geometry.environment import Environment
-from guided_gym.geometry.robots import Robot
+from guided_gym.geometry.robots import Robot, rigid
 from guided_gym.geometry.space import ConfigurationSpace
 from guided_gym.guidance.solvers.base import Query, Valid
 from guided_gym.kernels import collision, fields
@@ -145,11 +145,7 @@ class PoseGrid:
         Raises:
             InvalidInputError: A robot that is not planar and rigid.
         """
-        if space.dimension not in (2, 3):
-            raise InvalidInputError(
-                f"grid of poses: expected a robot with configurations (x, y) or (x, y, theta), got "
-                f"{space.dimension} dimensions"
-            )
+        robot = rigid(space.robot, "grid of poses")
         xmin, ymin, xmax, ymax = bounds = space.environment.bounds
         side = max(xmax - xmin, ymax - ymin)
         cell = side / cells
@@ -159,13 +155,13 @@ class PoseGrid:
         frame[fields.CELL] = cell
         frame[fields.WEIGHT] = space.weights[2] if space.dimension == 3 else 0.0
         distances = fields.signed_distances(_edges(space.environment), np.array(bounds), frame, cells)
-        body = body_discs(space.robot, cell) / cell
+        body = body_discs(robot, cell) / cell
         turns = headings if space.dimension == 3 else 1
-        room = fields.robot_clearances(distances, body, space.robot.radius / cell, turns)
+        room = fields.robot_clearances(distances, body, robot.radius / cell, turns)
         fine = fields.FINE
         blocks = distances.reshape(cells, fine, cells, fine)[:, fine // 2 - 1 :, :, fine // 2 - 1 :]
         workspace = blocks[:, :2, :, :2].mean(axis=(1, 3))
-        if _least_width(space.robot) >= max(cell, 2.0 * math.pi / turns * space.robot.radius):
+        if _least_width(robot) >= max(cell, 2.0 * math.pi / turns * robot.radius):
             links = np.zeros((0, 0, 0), np.uint8), 0
         else:
             links = fields.closed_links(room, frame, space.geometry)

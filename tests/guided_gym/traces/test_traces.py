@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import io
+import itertools
 import json
 from pathlib import Path
 from typing import Any
@@ -78,7 +79,7 @@ def test_trace__says_what_the_record_says(problem: Problem, tmp_path: Path) -> N
     assert [sample.contact is None for sample in samples] == (record.child != NO_NODE).tolist()
     # The paper hybrid swaps at each collision.
     turns = [sample.guide for sample in samples]
-    swapped = [a != b for a, b in zip(turns, turns[1:], strict=False)]
+    swapped = [a != b for a, b in itertools.pairwise(turns)]
     assert swapped == [sample.contact is not None for sample in samples[:-1]]
 
 

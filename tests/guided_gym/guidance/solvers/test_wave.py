@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import pickle
 from collections.abc import Callable
-from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -13,6 +12,7 @@ import shapely
 from guided_gym.catalogue.table import make_distribution
 from guided_gym.errors import InvalidInputError
 from guided_gym.geometry.environment import Environment
+from guided_gym.geometry.linkages import Linkage
 from guided_gym.geometry.robots import Robot
 from guided_gym.geometry.space import ConfigurationSpace
 from guided_gym.guidance.solvers.base import Query
@@ -142,8 +142,12 @@ def test_a_robot_that_cannot_turn_has_one_heading_and_the_room_of_a_point(
 
 
 def test_robots_that_are_not_planar_and_rigid_are_refused() -> None:
-    with pytest.raises(InvalidInputError, match="got 4 dimensions"):
-        PoseGrid.of(SimpleNamespace(dimension=4), 24, 8)  # type: ignore[arg-type]
+    environment = Environment((0.0, 0.0, 1.0, 1.0))
+    for arm in (Linkage.arm([0.1] * 2, base=(0.5, 0.5)), Linkage.snake([0.1] * 2)):
+        with pytest.raises(
+            InvalidInputError, match=r"expected a rigid planar robot, got .* of [24] coordinates"
+        ):
+            PoseGrid.of(ConfigurationSpace(arm, environment), 24, 8)
 
 
 @pytest.mark.parametrize(("gap", "cells"), [(0.06, 24), (0.04, 32), (0.03, 48), (0.0, 48)])
@@ -306,8 +310,9 @@ def test_wave__in_three_dimensions_runs_again_less_often_the_more_it_has() -> No
 
 
 def test_wave__refuses_other_dimensions_and_sizes() -> None:
+    snake = ConfigurationSpace(Linkage.snake([0.1] * 2), Environment((0.0, 0.0, 1.0, 1.0)))
     with pytest.raises(InvalidInputError, match="got 4 dimensions"):
-        begun(Query(SimpleNamespace(dimension=4), np.zeros(4), np.zeros(4)))  # type: ignore[arg-type]
+        begun(Query(snake, np.full(4, 0.5), np.full(4, 0.4)))
     for options in ({"cells": 50}, {"headings": 6}, {"blocked": 0.5}):
         with pytest.raises(InvalidInputError, match=next(iter(options))):
             Wave(**options)  # type: ignore[arg-type]
