@@ -838,40 +838,6 @@ def corners(qs: FloatArray, field: Field, frame: FloatArray) -> tuple[IntArray, 
 
 
 @njit(cache=True)
-def _crosses(q: FloatArray, end: FloatArray, closed: Links, frame: FloatArray) -> bool:
-    """Whether the poses that a motion passes nearest are cut off from each other by closed links."""
-    n, turns = closed.shape[0], closed.shape[2]
-    turn = 0.0
-    if turns > 1:
-        turn = (end[2] - q[2]) / (2.0 * math.pi)
-        turn = turns * (turn - math.floor(turn + 0.5))
-    dx, dy = (end[0] - q[0]) / frame[CELL], (end[1] - q[1]) / frame[CELL]
-    parts = int(2.0 * max(abs(dx), abs(dy), abs(turn))) + 1
-    x, y = (q[0] - frame[ORIGIN_X]) / frame[CELL], (q[1] - frame[ORIGIN_Y]) / frame[CELL]
-    h = q[2] * turns / (2.0 * math.pi) if turns > 1 else 0.0
-    r, c, k = min(max(round(y), 0), n - 1), min(max(round(x), 0), n - 1), int(round(h) % turns)
-    for p in range(1, parts + 1):
-        t = p / parts
-        rr = min(max(round(y + t * dy), 0), n - 1)
-        cc = min(max(round(x + t * dx), 0), n - 1)
-        kk = int(round(h + t * turn) % turns)
-        # In whatever order the coordinates change, one of two ways has to be open.
-        sides = (1 if cc > c else 0, 3 if rr > r else 2)
-        row_first = (rr != r and _shut(closed, r, c, k, sides[1], turns)) or (
-            cc != c and _shut(closed, rr, c, k, sides[0], turns)
-        )
-        column_first = (cc != c and _shut(closed, r, c, k, sides[0], turns)) or (
-            rr != r and _shut(closed, r, cc, k, sides[1], turns)
-        )
-        if row_first and column_first:
-            return True
-        if kk != k and _shut(closed, rr, cc, k, 5 if (kk - k) % turns == 1 else 4, turns):
-            return True
-        r, c, k = rr, cc, kk
-    return False
-
-
-@njit(cache=True)
 def spare_room(
     q: FloatArray, ends: FloatArray, distances: Field, body: FloatArray, frame: FloatArray, parts: int
 ) -> FloatArray:

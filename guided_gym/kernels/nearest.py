@@ -432,12 +432,22 @@ def within(state: State, q: Floats, r: float) -> Ints:
 
 @njit(cache=True)
 def insert_many(state: State, Q: Floats) -> int:
-    """`insert` for each row (n, d)."""
-    for row in range(Q.shape[0]):
+    """`insert` for each row (n, d), all finite; into an empty index all at once."""
+    points, _, _, work, counters = state
+    n: int = Q.shape[0]
+    d: int = Q.shape[1]
+    if counters[POINTS] == 0 and LEAF_SIZE < n <= points.shape[0]:
+        for row in range(n):
+            for j in range(d):
+                points[row, j] = wrapped(Q[row, j], work[d + j])
+        counters[POINTS] = n
+        _build(state, 0, np.arange(n).astype(np.int32))
+        return n
+    for row in range(n):
         status: int = insert(state, Q[row])
         if status < 0:
             return status
-    return len(Q)
+    return n
 
 
 @njit(cache=True)

@@ -27,7 +27,7 @@ from guided_gym.kernels.nearest import (
     box_distance2,
     doubled,
     first_sorted,
-    insert,
+    insert_many,
     load_query,
     point_distance2,
     wrapped,
@@ -133,9 +133,11 @@ def load_segments(state: State, points: Floats, edges: Int32s, halves: Floats, l
     """Insert the midpoints of the edges, and fill halves (m, d) and half lengths (m,)."""
     work = state[3]
     d = points.shape[1]
+    middles = np.empty(halves.shape)
     for e in range(edges.shape[0]):
         lengths[e] = load_segment(work, points[edges[e, 0]], points[edges[e, 1]], halves, e)
-        insert(state, work[2 * d : 3 * d])
+        middles[e] = work[2 * d : 3 * d]
+    insert_many(state, middles)
 
 
 @njit(cache=True)

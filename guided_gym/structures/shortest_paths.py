@@ -62,7 +62,7 @@ def graph_from_edges(n: int, edges: ArrayLike, lengths: ArrayLike) -> RoadmapGra
         raise InvalidInputError("expected lengths >= 0, got a negative one or NaN")
     tails = np.concatenate([ends[:, 0], ends[:, 1]])
     heads = np.concatenate([ends[:, 1], ends[:, 0]])
-    order = np.lexsort((heads, tails))
+    order = np.argsort(tails * np.int64(n) + heads, kind="stable")
     indptr = np.zeros(n + 1, np.int32)
     np.cumsum(np.bincount(tails, minlength=n), out=indptr[1:])
     edge_of = np.tile(np.arange(m, dtype=np.int32), 2)[order]

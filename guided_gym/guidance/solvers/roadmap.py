@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from functools import lru_cache
 from typing import Final, NamedTuple
 
@@ -23,7 +24,7 @@ from guided_gym.structures.shortest_paths import (
 )
 
 _NETS: Final = 8  # roadmaps of one kind that a search may get: drawn once, and used again
-_FINER: Final = 6  # each has half as many vertices again: where no path exists, there must be a last one
+_RENEWALS: Final = 9  # where no path exists, there must be a last one
 _AROUND: Final = 12  # times as many vertices around candidates as each of them has anchors
 
 
@@ -42,8 +43,9 @@ class Roadmap(GraphCostToGo):
     Vertices are valid in E' and edges are free motions: the preprocessing is what a search over many tasks in
     one C shares. Where E' has no obstacles nothing is checked, and the roadmap depends on the bounds and the
     metric alone: it is drawn once for each kind of space, as one of `_NETS`, and serves every search there.
-    Where nothing leads to the goal any more, a lazy one gives way to one with half as many vertices again,
-    and what was taught holds within half the reach.
+    Where nothing leads to the goal any more, a lazy one gives way to another, and what was taught holds
+    within half the reach. The other has half as many vertices again, unless failures cut off all nodes from
+    the vertices, as they do around a start in a tight place: more vertices would change nothing there.
 
     Args:
         vertices: Number of samples.
@@ -58,7 +60,7 @@ class Roadmap(GraphCostToGo):
 
     def begin(self, query: Query, rng: np.random.Generator, step: float) -> None:
         """Draw the roadmap, or take one that was drawn before."""
-        self._finer = 0
+        self._finer = self._renewals = 0
         self._lazy = not query.space.environment.obstacles
         super().begin(query, rng, step)
 
@@ -121,10 +123,12 @@ class Roadmap(GraphCostToGo):
         return super().__call__(states)
 
     def follow(self, states: Floats) -> Floats:
-        """(n,) cost-to-go of the nodes; on a finer roadmap where none of them sees a way any more."""
+        """(n,) cost-to-go of the nodes; on another roadmap where none of them sees a way any more."""
         h = super().follow(states)
-        while self._finer < _FINER and self._lazy and not np.isfinite(h.min()):
-            self._finer += 1
+        while self._lazy and self._renewals < _RENEWALS and not math.isfinite(h.min()):
+            self._renewals += 1
+            if self._nodes is not None and np.isfinite(self._nodes.anchors.lengths[: len(h)]).any():
+                self._finer += 1
             self._renew(0.5)
             h = super().follow(states)
         return h

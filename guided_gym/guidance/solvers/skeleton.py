@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import itertools
 from functools import lru_cache
+from typing import NamedTuple
 
 import networkx as nx
 import numpy as np
@@ -25,9 +26,45 @@ _SAME = 1e-6  # spacings by which two samples are one
 _PRUNE = 1.5  # a dead end nearer to the boundary than this many sample spacings is an artefact of sampling
 
 
-@lru_cache(maxsize=64)
+class _Axis(NamedTuple):
+    """A skeleton as arrays; vertices without an edge have been pruned away."""
+
+    points: NDArray[np.float64]  # [v, 2]
+    clearance: NDArray[np.float64]  # [v]
+    pairs: NDArray[np.int64]  # [m, 2] edges u < v, in lexicographic order
+    alive: NDArray[np.bool_]  # [v] which vertices have not been pruned
+
+    def wrong(self, parts: int, holes: int) -> int:
+        """By how many components and loops it differs from what it must have."""
+        from scipy.sparse import coo_array
+        from scipy.sparse.csgraph import connected_components
+
+        n, m = len(self.points), len(self.pairs)
+        links = coo_array((np.ones(m), tuple(self.pairs.T)), shape=(n, n))
+        dead = n - int(np.count_nonzero(self.alive))
+        components = (int(connected_components(links, directed=False)[0]) if n else 0) - dead
+        return abs(components - parts) + abs(m - (n - dead) + components - holes)
+
+
 def skeleton_graph(environment: Environment) -> nx.Graph:
     """The medial axis as a networkx graph: ``pos`` (x, y) and ``clearance`` per vertex, ``length`` per edge.
+
+    Raises:
+        InvalidInputError: The free workspace is too small for a skeleton.
+    """
+    axis = _axis(environment)
+    graph = nx.Graph()
+    for v in np.flatnonzero(axis.alive).tolist():
+        graph.add_node(v, pos=tuple(axis.points[v].tolist()), clearance=float(axis.clearance[v]))
+    lengths = np.hypot(*(axis.points[axis.pairs[:, 1]] - axis.points[axis.pairs[:, 0]]).T)
+    for (a, b), length in zip(axis.pairs.tolist(), lengths.tolist(), strict=True):
+        graph.add_edge(a, b, length=length)
+    return graph
+
+
+@lru_cache(maxsize=64)
+def _axis(environment: Environment) -> _Axis:
+    """The medial axis of the free workspace.
 
     Vertices of the Voronoi diagram of samples of the boundary, joined where the Voronoi edge lies in the
     free space; dead ends that run into the boundary (into corners, and between samples) are pruned. Where it
@@ -40,36 +77,34 @@ def skeleton_graph(environment: Environment) -> nx.Graph:
     parts = [part for part in shapely.get_parts(free) if part.area > 0]
     holes = sum(len(part.interiors) for part in parts)
     spacing = environment.extent / _SAMPLES_PER_DIAGONAL
-    best, least = nx.Graph(), len(parts) + holes
+    best, least = None, len(parts) + holes
     for _ in range(_FINER if parts else 0):
-        graph = _drawn(environment, free, spacing)
-        components = nx.number_connected_components(graph)
-        loops = graph.number_of_edges() - len(graph) + components
-        wrong = abs(components - len(parts)) + abs(loops - holes)
+        axis = _drawn(environment, free, spacing)
+        wrong = axis.wrong(len(parts), holes) if axis is not None else least
         if wrong < least:
-            best, least = graph, wrong
+            best, least = axis, wrong
         if wrong == 0:
             break
         spacing /= 2
-    if best.number_of_edges() == 0:
+    if best is None or len(best.pairs) == 0:
         raise InvalidInputError("the free workspace is too small for a medial axis: no skeleton edge is left")
     return best
 
 
-def _drawn(environment: Environment, free: shapely.Geometry, spacing: float) -> nx.Graph:
+def _drawn(environment: Environment, free: shapely.Geometry, spacing: float) -> _Axis | None:
     """The skeleton by samples of the boundary that are so far apart."""
     from scipy.spatial import Voronoi  # dear to import; four times as fast as shapely's diagram
 
     sites = np.unique(_boundary_samples(free, spacing), axis=0)
     if len(sites) < 4:
-        return nx.Graph()
+        return None
     origin = sites.mean(axis=0)
     diagram = Voronoi(sites - origin)
     points, pairs = diagram.vertices + origin, np.array(diagram.ridge_vertices)
     shapely.prepare(free)
     within = shapely.contains_xy(free, points)
-    pairs = pairs[(pairs >= 0).all(axis=1)]
-    pairs = pairs[within[pairs].all(axis=1)]
+    pairs = pairs[(pairs[:, 0] >= 0) & (pairs[:, 1] >= 0)]
+    pairs = pairs[within[pairs[:, 0]] & within[pairs[:, 1]]]
     room = np.zeros(len(points))
     room[within] = environment.clearance(points[within])
     lengths = np.hypot(*(points[pairs[:, 1]] - points[pairs[:, 0]]).T)
@@ -77,7 +112,7 @@ def _drawn(environment: Environment, free: shapely.Geometry, spacing: float) -> 
     doubtful = np.flatnonzero(lengths >= room[pairs].max(axis=1))
     lines = shapely.linestrings(points[pairs[doubtful]])
     pairs = np.delete(pairs, doubtful[~shapely.contains_properly(free, lines)], axis=0)
-    return _pruned(_graph_of(points, pairs, environment), _PRUNE * spacing)
+    return _pruned(*_merged(points, pairs, environment), _PRUNE * spacing)
 
 
 def _boundary_samples(free: shapely.Geometry, spacing: float) -> NDArray[np.float64]:
@@ -106,46 +141,56 @@ def _boundary_samples(free: shapely.Geometry, spacing: float) -> NDArray[np.floa
     return np.concatenate([samples, np.delete(feet, seen, axis=0)])
 
 
-def _graph_of(points: NDArray[np.float64], pairs: NDArray[np.int64], environment: Environment) -> nx.Graph:
-    """The edges as a graph, with vertices that rounding keeps apart taken as one."""
+def _merged(
+    points: NDArray[np.float64], pairs: NDArray[np.int64], environment: Environment
+) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.int64]]:
+    """Points, clearances and edges, with vertices that rounding keeps apart taken as one."""
     digits = 9 - int(np.ceil(np.log10(max(environment.extent, 1e-300))))
     used, pairs = np.unique(pairs, return_inverse=True)
-    merged, ids = np.unique(np.round(points[used], digits), axis=0, return_inverse=True)
-    pairs = np.unique(np.sort(ids.ravel()[pairs.reshape(-1, 2)], axis=1), axis=0)
-    pairs = pairs[pairs[:, 0] != pairs[:, 1]]
-    graph = nx.Graph()
+    rounded = np.round(points[used], digits)
+    order = np.lexsort((rounded[:, 1], rounded[:, 0]))
+    first = np.append(True, (rounded[order[1:]] != rounded[order[:-1]]).any(axis=1))[: len(order)]
+    ids = np.empty(len(order), np.int64)
+    ids[order] = np.cumsum(first) - 1
+    merged = rounded[order[first]]
+    ends = np.sort(ids[pairs.reshape(-1, 2)], axis=1)
+    keys = np.unique(ends[:, 0] * len(merged) + ends[:, 1])
+    pairs = np.stack(np.divmod(keys, max(len(merged), 1)), axis=1)
     clearance = environment.clearance(merged) if len(merged) else np.zeros(0)
-    graph.add_nodes_from(
-        (i, {"pos": (p[0], p[1]), "clearance": c})
-        for i, (p, c) in enumerate(zip(merged.tolist(), clearance.tolist(), strict=True))
-    )
-    lengths = np.hypot(*(merged[pairs[:, 1]] - merged[pairs[:, 0]]).T)
-    graph.add_edges_from(
-        (a, b, {"length": length}) for (a, b), length in zip(pairs.tolist(), lengths.tolist(), strict=True)
-    )
-    return graph
+    return merged, clearance, pairs[pairs[:, 0] != pairs[:, 1]]
 
 
-def _pruned(graph: nx.Graph, reach: float) -> nx.Graph:
-    """Shorten dead ends until they end ``reach`` away from the boundary, or run along it, or are gone."""
-    leaves = [v for v in graph if graph.degree(v) <= 1]
+def _pruned(
+    points: NDArray[np.float64], clearance: NDArray[np.float64], pairs: NDArray[np.int64], reach: float
+) -> _Axis:
+    """Shorten dead ends until they end ``reach`` away from the boundary, or run along it, or are gone.
+
+    An edge runs into the boundary, in a corner, if clearance falls along it: the wider, the faster.
+    """
+    falls = _ALONG * np.hypot(*(points[pairs[:, 1]] - points[pairs[:, 0]]).T)
+    degree = np.bincount(pairs.ravel(), minlength=len(points))
+    edges_of: list[list[int]] = [[] for _ in points]
+    for e, (a, b) in enumerate(pairs.tolist()):
+        edges_of[a].append(e)
+        edges_of[b].append(e)
+    kept, alive = np.ones(len(pairs), np.bool_), np.ones(len(points), np.bool_)
+    leaves = np.flatnonzero(degree <= 1).tolist()
     while leaves:
         v = leaves.pop()
-        if v not in graph or graph.degree(v) > 1 or graph.nodes[v]["clearance"] >= reach:
+        if not alive[v] or degree[v] > 1 or clearance[v] >= reach:
             continue
-        neighbours = list(graph[v])
-        if neighbours and not _runs_in(graph, v, neighbours[0]):
-            continue
-        graph.remove_node(v)
-        leaves.extend(u for u in neighbours if graph.degree(u) <= 1)
-    return graph
-
-
-def _runs_in(graph: nx.Graph, leaf: int, neighbour: int) -> bool:
-    """Whether an edge runs into the boundary: in a corner, clearance falls the faster, the wider it is."""
-    clearance = graph.nodes(data="clearance")
-    fall = float(clearance[neighbour] - clearance[leaf])
-    return fall > _ALONG * float(graph.edges[leaf, neighbour]["length"])
+        for e in edges_of[v]:
+            if kept[e]:
+                u = int(pairs[e].sum()) - v
+                if clearance[u] - clearance[v] <= falls[e]:
+                    break
+                kept[e] = False
+                degree[u] -= 1
+                if degree[u] <= 1:
+                    leaves.append(u)
+        else:
+            alive[v] = False
+    return _Axis(points, clearance, pairs[kept], alive)
 
 
 @lru_cache(maxsize=64)
@@ -155,12 +200,17 @@ def medial_axis(environment: Environment, spacing: float) -> tuple[NDArray[np.fl
     Returns:
         (v, 2) vertices and (m, 2) int32 edges.
     """
-    graph = skeleton_graph(environment)
-    position = {v: np.array(p) for v, p in graph.nodes(data="pos")}
-    corners = {v for v in graph if graph.degree(v) != 2}
-    for component in nx.connected_components(graph):
-        if not corners & component:  # a loop: cut it anywhere
-            corners.add(min(component))
+    axis = _axis(environment)
+    chains = _chains(axis)
+    sizes = [len(chain) for chain in chains]
+    lines = shapely.linestrings(
+        axis.points[np.concatenate(chains)], indices=np.repeat(np.arange(len(chains)), sizes)
+    )
+    parts = np.maximum(1, np.rint(shapely.length(lines) / spacing).astype(np.int64))
+    shares = np.concatenate([np.arange(1, k) / k for k in parts.tolist()])
+    inner = shapely.get_coordinates(
+        shapely.line_interpolate_point(np.repeat(lines, parts - 1), shares, normalized=True)
+    )
     points: list[NDArray[np.float64]] = []
     ids: dict[int, int] = {}
     edges: list[tuple[int, int]] = []
@@ -168,34 +218,49 @@ def medial_axis(environment: Environment, spacing: float) -> tuple[NDArray[np.fl
     def vertex(v: int) -> int:
         if v not in ids:
             ids[v] = len(points)
-            points.append(position[v])
+            points.append(axis.points[v])
         return ids[v]
 
-    for chain in _chains(graph, corners):
-        line = shapely.LineString([position[v] for v in chain])
-        parts = max(1, round(line.length / spacing))
+    last = 0
+    for chain, count in zip(chains, (parts - 1).tolist(), strict=True):
         ends = vertex(chain[0]), vertex(chain[-1])
-        inner = shapely.line_interpolate_point(line, np.arange(1, parts) / parts, normalized=True)
-        row = [ends[0], *range(len(points), len(points) + len(inner)), ends[1]]
-        points.extend(shapely.get_coordinates(inner))
+        row = [ends[0], *range(len(points), len(points) + count), ends[1]]
+        points.extend(inner[last : last + count])
         edges.extend(itertools.pairwise(row))
+        last += count
     kept = [(a, b) for a, b in edges if a != b]
     return np.array(points), np.array(kept, np.int32).reshape(-1, 2)
 
 
-def _chains(graph: nx.Graph, corners: set[int]) -> list[list[int]]:
+def _chains(axis: _Axis) -> list[list[int]]:
     """Paths between corners through vertices of degree 2, each once."""
-    chains, seen = [], set()
-    for corner in sorted(corners):
-        for first in sorted(graph[corner]):
+    near: dict[int, list[int]] = {v: [] for v in np.flatnonzero(axis.alive).tolist()}
+    for a, b in axis.pairs.tolist():
+        near[a].append(b)
+        near[b].append(a)
+    corners = {v for v, others in near.items() if len(others) != 2}
+    chains: list[list[int]] = []
+    seen: set[tuple[int, int]] = set()
+
+    def walk(corner: int) -> None:
+        for first in sorted(near[corner]):
             if (corner, first) in seen:
                 continue
             chain = [corner, first]
             while chain[-1] not in corners:
-                a, b = graph[chain[-1]]
+                a, b = near[chain[-1]]
                 chain.append(b if a == chain[-2] else a)
-            seen |= {(chain[0], chain[1]), (chain[-1], chain[-2])}
+            seen.update([(chain[0], chain[1]), (chain[-1], chain[-2])])
+            passed.update(chain)
             chains.append(chain)
+
+    passed: set[int] = set()
+    for corner in sorted(corners):
+        walk(corner)
+    for v in near:
+        if v not in passed and v not in corners:  # on a loop: cut it here, at its first vertex
+            corners.add(v)
+            walk(v)
     return chains
 
 

@@ -32,7 +32,6 @@ if TYPE_CHECKING:
 FloatArray = NDArray[np.float64]
 Field = NDArray[np.float32]
 
-_MOTION_PARTS: Final = 8  # poses along a motion at which its room is looked up
 _SURE: Final = 60.0  # logit of being free for each cell of room
 _NEAR_GOAL: Final = 2  # cells around the goal where the wave may begin
 _SURE_PARTS: Final = 32  # poses along a motion to the goal
