@@ -48,8 +48,9 @@ class OracleOptions:
     Attributes:
         resolution: Vertices of its grid along each axis of the configuration space, or ``(n,)`` for those of
             its roadmap; None chooses them, and refines until the estimated error is as small as asked.
-        mean: Estimated relative error that is asked for on average over free poses.
-        tail: Likewise at the 99th percentile.
+        mean: Estimated relative error that is asked for on average over free poses; None for 1 % of a grid,
+            2 % of a roadmap.
+        tail: Likewise at the 99th percentile; None for 5 % of a grid, 20 % of a roadmap.
         budget: Vertices of its finest grid, at most. A million of them take some 0.5 s on one core and 50 MB;
             a count, not a time, so that a problem has the same oracle on every machine. A vertex of a roadmap
             counts as 200, since its motions have to be checked.
@@ -61,8 +62,8 @@ class OracleOptions:
     """
 
     resolution: tuple[int, ...] | None = None
-    mean: float = 0.01
-    tail: float = 0.05
+    mean: float | None = None
+    tail: float | None = None
     budget: int = 4_000_000
     method: str | None = None
 
@@ -78,8 +79,14 @@ class OracleOptions:
             counts = tuple(integer("resolution", n, least=4) for n in self.resolution)
             object.__setattr__(self, "resolution", counts)
         for name in ("mean", "tail"):
-            number(name, getattr(self, name), above=0)
+            if getattr(self, name) is not None:
+                number(name, getattr(self, name), above=0)
         integer("budget", self.budget, least=10_000)
+
+    def excess(self, error: tuple[float, float], usual: tuple[float, float]) -> float:
+        """How many times larger an error (mean, tail) is than what is asked for, or than the usual one."""
+        asked = (self.mean, self.tail)
+        return max(e / (u if a is None else a) for e, a, u in zip(error, asked, usual, strict=True))
 
 
 DEFAULT_ORACLE = OracleOptions()

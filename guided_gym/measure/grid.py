@@ -40,6 +40,8 @@ _DEEPEST = {2: 2, 3: 1}
 """Grids, each twice as fine as the one before, that are tried for a pose in a pocket."""
 _SIGHT = 8
 """Links around the goal within which distances are made exact."""
+_ASKED = (0.01, 0.05)
+"""Error that is asked for unless another is: on average, and at the 99th percentile."""
 _POSES = 400
 """Free poses at which two grids are compared."""
 _TRUST = 0.7
@@ -230,8 +232,7 @@ class GridSolution:
 
     def _excess(self) -> float:
         """How many times larger the error is than asked for."""
-        error = self.error
-        return max(error.mean / self.options.mean, error.tail / self.options.tail)
+        return self.options.excess(self.error, _ASKED)
 
     def _refine(self) -> None:
         """Refine the grid until the error is as small as asked for, or the budget is spent: then warn."""

@@ -33,8 +33,6 @@ from guided_gym.options import DEFAULT_ORACLE, OracleOptions
 
 _REMEMBERED = 32
 """Oracles that `oracle_for` keeps in memory."""
-_GRIDS = (2, 3)
-"""Dimensions that a grid covers, and covers better than a roadmap."""
 
 
 _KINDS: Final[dict[str, type[GridSolution] | type[RoadmapSolution]]] = {
@@ -79,19 +77,14 @@ class Oracle:
             cache: Whether to use the disk cache (`guided_gym.measure.oracle_store`).
 
         Raises:
-            InvalidInputError: A grid of more than 3 dimensions, a goal or start that is not valid, or an
+            InvalidInputError: A grid for a robot with joints, a goal or start that is not valid, or an
                 unusable resolution.
             NoPathError: No path from start to goal, as far as the finest grid or largest roadmap can tell.
         """
         self.space = space
         self.options = DEFAULT_ORACLE if options is None else options
-        covered = space.dimension in _GRIDS and isinstance(space.robot, Robot)
-        method = self.options.method or ("grid" if covered else "roadmap")
+        method = self.options.method or ("grid" if isinstance(space.robot, Robot) else "roadmap")
         if method == "grid":
-            if space.dimension not in _GRIDS:
-                raise InvalidInputError(
-                    f"the oracle's grid covers spaces of 2 or 3 dimensions, got one of {space.dimension}"
-                )
             rigid(space.robot, "the oracle's grid")
         self.goal = valid_configuration(space, goal, "goal")
         begin = None if start is None else valid_configuration(space, start, "start")

@@ -6,6 +6,7 @@ import hashlib
 import math
 import threading
 from collections import OrderedDict
+from collections.abc import Iterator
 from dataclasses import dataclass
 from itertools import cycle
 from typing import Any, Final
@@ -37,7 +38,7 @@ FloatArray = NDArray[np.float64]
 KIND: Final = "roadmap"
 VERSION: Final = 1  # part of every cache key: raise it with any change that alters a roadmap
 A_VERTEX: Final = 200  # vertices of a grid that cost as much as one of a roadmap, whose motions are checked
-_FIRST: Final = 2500  # vertices of the first roadmap
+_FIRST: Final = 4000  # vertices of the first roadmap
 _SMALLER: Final = 4  # times fewer in what its error is estimated from
 _NEIGHBOURS: Final = 24
 _NARROW: Final = 0.3  # part of the vertices that stand in narrow passages, as far as there are any
@@ -46,13 +47,17 @@ _SPANS: Final = (math.log(0.3), math.log(3.0))  # of a passage, in natural lengt
 _NEAR: Final = 100  # vertices that the goal is joined to, at most
 _LOOKS: Final = (32, 5)  # nearest vertices looked at, ways pulled tight
 _WIDER: Final = (256, 4)  # likewise where nothing was seen
-_GOALS: Final = 5  # at which two roadmaps are compared
-_POSES: Final = 40  # for each of them
+_ASKED: Final = (0.02, 0.2)  # error that is asked for unless another is: mean, tail
+_GOALS: Final = 6  # at which two roadmaps are compared
+_POSES: Final = 25  # for each of them
 _GROWN: Final = 2000  # samples of a tree by which a configuration in a pocket looks for a way out
-_REACHES: Final = (0.03, 1.0)  # how far around it they lie, at first and at last, in widths of the space
+_REACHES: Final = (
+    0.03,
+    1.0,
+)  # how far around it they lie, at first and at last, in ranges of the coordinates
 _STEPS: Final = (0.1, 0.3, 1.0)  # steps of the tree, in natural lengths, in turn
-_ROUNDS: Final = 30
-_EXITS: Final = 12  # of these that are asked for their way
+_STAGES: Final = 30
+_EXITS: Final = 12  # nodes of each stage that are asked for their way
 _REMEMBERED: Final = 8  # roadmaps kept in memory
 
 
@@ -168,7 +173,7 @@ class _Own:
         points: list[FloatArray] = []
         edges, lengths = [], []
         for q in poses:
-            tree = _pocket(space, q)
+            *_, tree = _growing(space, q)
             nodes, parents = np.array(tree.configurations), tree.parents[1:]
             numbers = count + np.arange(len(nodes))
             if not points:  # the goal is none of these vertices: it comes behind them
@@ -237,20 +242,30 @@ class _Task:
         )
         self._ways.points[0], self._ways.first[-1] = vertices[-1], 0
 
-    def costs(self, qs: FloatArray, looks: tuple[int, int] = _LOOKS) -> FloatArray:
+    def costs(self, qs: FloatArray) -> FloatArray:
         """(n,) lengths of the ways from configurations (n, d); infinite where none is seen."""
-        space = self.space
-        found = costs_by_roadmap(qs, self._roads, self._ways, looks, space.geometry, space.metric)
-        if looks == _LOOKS and np.isinf(found).any():
-            lost = np.isinf(found)
-            found[lost] = self.costs(qs[lost], _WIDER)
+        found = self._looked(qs, _LOOKS)
+        lost = np.isinf(found)
+        if lost.any():
+            lost[lost] = self.space.valid(qs[lost])
+            found[lost] = self._looked(qs[lost], _WIDER)
         return found
+
+    def _looked(self, qs: FloatArray, looks: tuple[int, int]) -> FloatArray:
+        space = self.space
+        return costs_by_roadmap(qs, self._roads, self._ways, looks, space.geometry, space.metric)
 
     def escape(self, q: FloatArray) -> float:
         """Length of a way out of a pocket, and on from there; infinite where none is found."""
-        tree = _pocket(self.space, q)
-        through = tree.cost_to_come + self.costs(np.array(tree.configurations))
-        return float(through.min())
+        asked = 1
+        for tree in _growing(self.space, q):
+            fresh = np.arange(asked, len(tree))[:: max(1, (len(tree) - asked) // _EXITS)]
+            asked = len(tree)
+            if fresh.size:
+                found = tree.cost_to_come[fresh] + self._looked(np.array(tree.configurations[fresh]), _LOOKS)
+                if np.isfinite(found).any():
+                    return float(found.min())
+        return math.inf
 
 
 def _in_passages(space: ConfigurationSpace, rng: np.random.Generator, count: int) -> FloatArray:
@@ -272,21 +287,21 @@ def _in_passages(space: ConfigurationSpace, rng: np.random.Generator, count: int
     return found[:count]
 
 
-def _pocket(space: ConfigurationSpace, q: FloatArray) -> SearchTree:
-    """A tree that grows out of a configuration, first around it, then farther and farther."""
+def _growing(space: ConfigurationSpace, q: FloatArray) -> Iterator[SearchTree]:
+    """A tree that grows out of a configuration, first around it, then farther; at each of its stages."""
     rng, tree = np.random.default_rng(0), SearchTree(space, q)
-    reaches = np.geomspace(*_REACHES, _GROWN) * (space.upper - space.lower).min()
-    samples = space.wrap(q + reaches[:, None] * rng.uniform(-1.0, 1.0, (_GROWN, space.dimension)))
-    for step, part in zip(cycle(_STEPS), np.array_split(samples, _ROUNDS), strict=False):
-        tree.index.reserve(_GROWN)
-        tree.reserve(_GROWN)
+    reaches = np.geomspace(*_REACHES, _GROWN)[:, None] * (space.upper - space.lower)
+    samples = space.wrap(q + reaches * rng.uniform(-1.0, 1.0, reaches.shape))
+    for step, part in zip(cycle(_STEPS), np.array_split(samples, _STAGES), strict=False):
+        tree.index.reserve(len(part))
+        tree.reserve(len(part))
         record = np.empty(len(part), np.int32), np.empty(len(part), np.int32)
         grow_rrt(
             part, (len(tree), 0), tree.nodes, tree.failed, tree.index.state, np.array(q),
             (step * space.scale, 0.0, False), space.geometry, space.metric, record,
         )  # fmt: skip
         tree.grown(int((record[1] >= 0).sum()), 0)
-    return tree
+        yield tree
 
 
 def _seen(
@@ -410,13 +425,17 @@ class RoadmapSolution:
 
     def _grow(self) -> None:
         """Take larger roadmaps until the error is as small as asked, or the budget spent: then warn."""
-        while (excess := max(self.error.mean / self.options.mean, self.error.tail / self.options.tail)) > 1.0:
+        while (excess := self._excess()) > 1.0:
             wanted = self._count * max(2.0, (1.1 * excess) ** (0.5 * self.space.dimension))
             more = int(min(wanted, self._most))
             if more < 1.5 * self._count:
                 warn_of(self.error, f"over {self!r}", self.options.budget)
                 return
             self._fewer, self._count = self._count, more
+
+    def _excess(self) -> float:
+        """How many times larger the error is than asked for."""
+        return self.options.excess(self.error, _ASKED)
 
     def _reach(self, start: FloatArray) -> None:
         """Grow trees out of start and goal, then the roadmap, until the start is connected.
