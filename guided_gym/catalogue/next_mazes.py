@@ -148,7 +148,7 @@ def _array(archive: zipfile.ZipFile, key: str, path: Path) -> NDArray[Any]:
         shape, _, dtype = read(stream)  # type: ignore[arg-type]
         if dtype.hasobject or math.prod(shape) * dtype.itemsize > size:
             raise StorageError(
-                f"{path}: expected an npz file of numbers, got {key} of the shape {shape} and dtype {dtype} in "
+                f"{path}: expected an npz file of numbers, got {key} of shape {shape} and {dtype} in "
                 f"{size} bytes"
             )
     with archive.open(name) as stream:
