@@ -4,13 +4,17 @@ from __future__ import annotations
 
 import math
 import os
+from collections.abc import Mapping, Set
 from typing import Any, Final, TypeVar
 
 import numpy as np
+from numpy.typing import NDArray
 
 from guided_gym.errors import InvalidInputError
 
 T = TypeVar("T")
+
+_LONGEST: Final = 200  # characters of a value that a message repeats
 
 MEMORY_VARIABLE: Final = "GUIDED_GYM_MAX_MEMORY"
 MEMORY_LIMIT: Final = 4 * 10**9
@@ -40,7 +44,10 @@ def number(
         InvalidInputError: It is no number (a boolean is none), NaN, infinite or out of the limits.
     """
     if isinstance(value, int | float | np.integer | np.floating) and not isinstance(value, bool):
-        number = float(value)
+        try:
+            number = float(value)
+        except OverflowError:  # an integer beyond all floats
+            number = math.inf
         if (
             math.isfinite(number)
             and (least is None or number >= least)
@@ -51,8 +58,8 @@ def number(
     limits = (("at least", least), ("above", above), ("below", below))
     said = " and ".join(f"{word} {limit:g}" for word, limit in limits if limit is not None)
     if above == 0 and below is None:
-        raise InvalidInputError(f"{name}: expected a positive {what}, got {value!r}")
-    raise InvalidInputError(f"{name}: expected a finite {what} {said}".rstrip() + f", got {value!r}")
+        raise InvalidInputError(f"{name}: expected a positive {what}, got {shown(value)}")
+    raise InvalidInputError(f"{name}: expected a finite {what} {said}".rstrip() + f", got {shown(value)}")
 
 
 def integer(name: str, value: object, *, least: int) -> int:
@@ -63,7 +70,65 @@ def integer(name: str, value: object, *, least: int) -> int:
     """
     if isinstance(value, int | np.integer) and not isinstance(value, bool) and value >= least:
         return int(value)
-    raise InvalidInputError(f"{name}: expected an integer, at least {least}, got {value!r}")
+    raise InvalidInputError(f"{name}: expected an integer, at least {least}, got {shown(value)}")
+
+
+def count(name: str, value: object, *, least: int, each: float, what: str) -> int:
+    """An integer that is large enough, of things that together take no more memory than `affordable` says.
+
+    Args:
+        name: What the message calls the value.
+        value: What came.
+        least: The smallest value allowed.
+        each: Bytes that one of them takes.
+        what: What takes them.
+
+    Raises:
+        InvalidInputError: It is no integer, smaller, or too large.
+    """
+    number = integer(name, value, least=least)
+    # In integers, which have no largest; a float of some sizes would be infinite.
+    affordable(name, number, number * max(round(each * 16), 1) // 16, what)
+    return number
+
+
+def vector(name: str, value: object, size: int | None = None) -> NDArray[np.float64]:
+    """A vector of finite numbers, as an array of its own.
+
+    Args:
+        name: What the message calls the value.
+        value: What came: a sequence or array of numbers; text and booleans are none.
+        size: How many; None for any number.
+
+    Raises:
+        InvalidInputError: It is something else.
+    """
+    if not isinstance(value, str | bytes | bytearray | Set | Mapping):
+        try:
+            array = np.array(value)
+            if array.dtype == object and all(map(_is_number, array.flat)):  # integers of many digits
+                array = array.astype(np.float64)
+        except (TypeError, ValueError, OverflowError):
+            array = np.zeros(0, object)
+        fits = array.ndim == 1 and size in (None, array.size)
+        if fits and array.dtype.kind in "iuf" and np.isfinite(array).all():
+            return array.astype(np.float64)
+    many = "a vector of" if size is None else f"{size}"
+    raise InvalidInputError(f"{name}: expected {many} finite numbers, got {shown(value)}")
+
+
+def _is_number(value: object) -> bool:
+    return isinstance(value, int | float | np.integer | np.floating) and not isinstance(value, bool)
+
+
+def shown(value: object) -> str:
+    """A value as a message shows it: in one line, and not endlessly long."""
+    try:
+        text = repr(value)
+    except Exception as error:  # Python writes integers of 4,300 digits at most; others do as they like
+        text = f"{_article(type(value).__name__)} that cannot be written ({type(error).__name__})"
+    text = " ".join(text.split())
+    return text if len(text) <= _LONGEST else text[:_LONGEST] + "…"
 
 
 def affordable(name: str, value: object, size: int, what: str) -> None:
@@ -81,9 +146,14 @@ def affordable(name: str, value: object, size: int, what: str) -> None:
     limit = _memory_limit()
     if size > limit:
         raise InvalidInputError(
-            f"{name}: {what} would take {_gigabytes(size)} of memory at {value!r}, expected at most "
+            f"{name}: {what} would take {_gigabytes(size)} of memory at {shown(value)}, expected at most "
             f"{_gigabytes(limit)}; {MEMORY_VARIABLE} (bytes) raises the limit"
         )
+
+
+def is_affordable(size: int) -> bool:
+    """Whether so many bytes are no more than a caller may be thought to mean, see `affordable`."""
+    return size <= _memory_limit()
 
 
 def _memory_limit() -> int:
@@ -109,7 +179,7 @@ def flag(name: str, value: object) -> bool:
     """
     if isinstance(value, bool | np.bool_):
         return bool(value)
-    raise InvalidInputError(f"{name}: expected True or False, got {value!r}")
+    raise InvalidInputError(f"{name}: expected True or False, got {shown(value)}")
 
 
 def instance(name: str, value: Any, kind: type[T], called: str = "") -> T:
@@ -120,7 +190,7 @@ def instance(name: str, value: Any, kind: type[T], called: str = "") -> T:
     """
     if isinstance(value, kind):
         return value
-    raise InvalidInputError(f"{name}: expected {_article(called or kind.__name__)}, got {value!r}")
+    raise InvalidInputError(f"{name}: expected {_article(called or kind.__name__)}, got {shown(value)}")
 
 
 def same_place(one: Any, other: Any) -> bool:
@@ -132,4 +202,4 @@ def same_place(one: Any, other: Any) -> bool:
 
 
 def _article(noun: str) -> str:
-    return f"{'an' if noun[0] in 'AEIOU' else 'a'} {noun}"
+    return f"{'an' if noun[0] in 'AEIOUaeiou' else 'a'} {noun}"

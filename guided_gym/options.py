@@ -2,12 +2,55 @@
 
 from __future__ import annotations
 
+import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 
-from guided_gym.checks import affordable, flag, instance, integer, number
+from guided_gym.checks import affordable, count, flag, instance, integer, number, shown
 from guided_gym.errors import InvalidInputError
 
 DEFAULT_CANDIDATES = 16
+
+# Bytes of one, rounded up: what a search or an oracle keeps of it.
+_VERTEX = 50  # of the oracle's grid: value, links, and what solving takes
+_OF_ROADMAP = 200  # as much as so many of a grid: a vertex of its roadmap
+_CANDIDATE = 96  # normal numbers, radii, configurations and states: about three rows of numbers
+_SAMPLE = 200  # its row of the record, and a node or a failure of the tree
+
+
+def checked_candidates(value: object) -> int:
+    """How many candidates a choice looks at.
+
+    Raises:
+        InvalidInputError: It is no integer, not positive, or would take more memory than is allowed.
+    """
+    return count("candidates", value, least=1, each=_CANDIDATE, what="a choice among so many")
+
+
+def checked_samples(value: object) -> int:
+    """After how many samples a search gives up.
+
+    Raises:
+        InvalidInputError: It is no integer, not positive, or would take more memory than is allowed.
+    """
+    return count("max_samples", value, least=1, each=_SAMPLE, what="a search of so many samples")
+
+
+def checked_resolution(resolution: Sequence[int]) -> tuple[int, ...]:
+    """Vertices of the oracle's grid along each axis, or of its roadmap.
+
+    Raises:
+        InvalidInputError: They are no 1 to 3 counts of at least 4, or would take more memory than is allowed.
+    """
+    if not isinstance(resolution, tuple | list) or len(resolution) not in (1, 2, 3):
+        raise InvalidInputError(
+            "resolution: expected 2 or 3 vertex counts, one for each axis, or (n,) for a roadmap, "
+            f"got {shown(resolution)}"
+        )
+    counts = tuple(integer("resolution", n, least=4) for n in resolution)
+    size = _VERTEX * math.prod(counts) * (_OF_ROADMAP if len(counts) == 1 else 1)
+    affordable("resolution", counts, size, "the oracle's grid or roadmap")
+    return counts
 
 
 @dataclass(frozen=True)
@@ -71,17 +114,11 @@ class OracleOptions:
         if self.method not in (None, "grid", "roadmap"):
             raise InvalidInputError(f"method: expected 'grid', 'roadmap' or None, got {self.method!r}")
         if self.resolution is not None:
-            if not isinstance(self.resolution, tuple | list) or len(self.resolution) not in (1, 2, 3):
-                raise InvalidInputError(
-                    "resolution: expected 2 or 3 vertex counts, one for each axis, or (n,) for a roadmap, "
-                    f"got {self.resolution!r}"
-                )
-            counts = tuple(integer("resolution", n, least=4) for n in self.resolution)
-            object.__setattr__(self, "resolution", counts)
+            object.__setattr__(self, "resolution", checked_resolution(self.resolution))
         for name in ("mean", "tail"):
             if getattr(self, name) is not None:
                 number(name, getattr(self, name), above=0)
-        integer("budget", self.budget, least=10_000)
+        count("budget", self.budget, least=10_000, each=_VERTEX, what="an oracle's grid of so many vertices")
 
     def excess(self, error: tuple[float, float], usual: tuple[float, float]) -> float:
         """How many times larger an error (mean, tail) is than what is asked for, or than the usual one."""
@@ -119,9 +156,7 @@ class SearchOptions:
     def __post_init__(self) -> None:
         if self.step is not None:
             number("step", self.step, above=0, what="length")
-        count = integer("candidates", self.candidates, least=1)
-        # Normal numbers, radii, the configurations and their states: about three rows of numbers each.
-        affordable("candidates", count, 96 * count, "a choice among so many")
+        checked_candidates(self.candidates)
         flag("rewire", self.rewire)
         instance("target", self.target, TargetParameters)
         instance("oracle", self.oracle, OracleOptions)

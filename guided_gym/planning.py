@@ -13,12 +13,11 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from guided_gym.checks import integer
 from guided_gym.errors import InvalidInputError
 from guided_gym.guidance.base import GuidingSpace
 from guided_gym.guidance.registry import make_expander, make_searcher
 from guided_gym.measure.target import Measure, jensen_shannon, sampling_efficiency
-from guided_gym.options import SearchOptions
+from guided_gym.options import SearchOptions, checked_samples
 from guided_gym.problems import Problem
 from guided_gym.randomness import streams
 from guided_gym.search.search import NO_NODE, Expansion, Proposer, Search
@@ -160,7 +159,7 @@ def guided_search(
         NoPathError: ``measure`` is on and no path joins start and goal.
         UnknownNameError: No guiding space has that name.
     """
-    max_samples = integer("max_samples", max_samples, least=1)
+    max_samples = checked_samples(max_samples)
     guidance = make_searcher(guidance)
     if isinstance(guidance, WatchedPlanner):
         check_watched(guidance, expansion, distributions, options or SearchOptions())

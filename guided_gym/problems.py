@@ -16,7 +16,7 @@ import shapely
 from numpy.typing import ArrayLike, NDArray
 from shapely.geometry.base import BaseGeometry
 
-from guided_gym.checks import flag, instance, number
+from guided_gym.checks import flag, instance, number, vector
 from guided_gym.errors import InvalidInputError
 from guided_gym.geometry.environment import Environment
 from guided_gym.geometry.mechanism import Mechanism
@@ -53,12 +53,7 @@ class Task:
         self, start: ArrayLike, goal: ArrayLike, tolerance: float = 0.0, by_edge: bool = True
     ) -> None:
         for name, value in (("start", start), ("goal", goal)):
-            try:
-                array = np.array(value, dtype=np.float64)
-            except (TypeError, ValueError) as error:
-                raise InvalidInputError(f"{name}: expected a vector of numbers, got {value!r}") from error
-            if array.ndim != 1 or not np.isfinite(array).all():
-                raise InvalidInputError(f"{name}: expected a vector of finite numbers, got {value!r}")
+            array = vector(name, value)
             array.setflags(write=False)
             object.__setattr__(self, name, array)
         if self.start.shape != self.goal.shape:

@@ -8,7 +8,7 @@ from typing import Any, Final
 import numpy as np
 from numpy.random.bit_generator import ISeedSequence
 
-from guided_gym.errors import InvalidInputError
+from guided_gym.checks import integer
 
 
 def streams(seed: int | None) -> tuple[np.random.Generator, np.random.Generator, np.random.Generator]:
@@ -16,10 +16,7 @@ def streams(seed: int | None) -> tuple[np.random.Generator, np.random.Generator,
 
     ``guided_search(seed=k)`` and ``env.reset(seed=k)`` use the same three.
     """
-    try:
-        return spawn(np.random.default_rng(seed))
-    except (TypeError, ValueError) as error:
-        raise InvalidInputError(f"seed: expected an integer >= 0 or None, got {seed!r}") from error
+    return spawn(np.random.default_rng(None if seed is None else integer("seed", seed, least=0)))
 
 
 class _NoSeed(ISeedSequence):

@@ -5,9 +5,9 @@ A checkpoint is one safetensors file, written whole or not at all: a killed run 
 
 from __future__ import annotations
 
+import hashlib
 import importlib.util
 import json
-import tomllib
 from collections.abc import Mapping
 from dataclasses import asdict, fields, is_dataclass
 from pathlib import Path
@@ -16,12 +16,16 @@ from typing import Any, Final, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
+from guided_gym.catalogue.files import parsed_toml
+from guided_gym.catalogue.maps import read_text
 from guided_gym.errors import InvalidInputError, StorageError, UnknownNameError
 from guided_gym.guidance.learned.weights import pack_tensors, read_bytes, unpack_tensors, write_atomically
 
 CONFIG_FILE: Final = "config.toml"
 CHECKPOINT_FILE: Final = "checkpoint.safetensors"
 _STATE: Final = "state.json"
+_CHECKSUM: Final = "sha256"
+_LARGEST_CONFIG: Final = 2**20  # bytes
 
 Tensors = dict[str, NDArray[Any]]
 C = TypeVar("C")
@@ -46,10 +50,9 @@ def read_config(file: Path) -> dict[str, Any]:
     Raises:
         StorageError: It is missing or not TOML.
     """
-    try:
-        return tomllib.loads(read_bytes(file, "a configuration").decode("utf-8"))
-    except (UnicodeDecodeError, tomllib.TOMLDecodeError) as error:
-        raise StorageError(f"{file}: expected TOML: {error}") from None
+    if not file.is_file():
+        raise StorageError(f"expected a configuration at {file}, got no file")
+    return parsed_toml(file, read_text(file, _LARGEST_CONFIG))
 
 
 def build_config(kind: type[C], options: Mapping[str, Any]) -> C:
@@ -89,6 +92,11 @@ def check_board(wanted: bool) -> None:
         )
 
 
+def _checksum(tensors: Mapping[str, NDArray[Any]]) -> NDArray[np.uint8]:
+    """Names, types, shapes and numbers of tensors in one number, kept as a tensor beside them."""
+    return np.frombuffer(hashlib.sha256(pack_tensors(tensors)).digest(), np.uint8)
+
+
 class RunFolder:
     """The folder of one run.
 
@@ -120,8 +128,7 @@ class RunFolder:
 
     def save(self, state: Mapping[str, Any], tensors: Mapping[str, NDArray[Any]]) -> None:
         """Replace the checkpoint."""
-        text = np.frombuffer(json.dumps(state).encode(), np.uint8)
-        write_atomically(self.path / CHECKPOINT_FILE, pack_tensors({**tensors, _STATE: text}))
+        self.keep(CHECKPOINT_FILE, state, tensors)
 
     def load(self) -> tuple[dict[str, Any], Tensors] | None:
         """State and tensors of the last checkpoint; None if there is none yet.
@@ -142,13 +149,23 @@ class RunFolder:
             StorageError: It is damaged.
         """
         tensors = unpack_tensors(read_bytes(file, "a checkpoint"), file)
+        checksum = tensors.pop(_CHECKSUM, None)
+        if checksum is None or not np.array_equal(checksum, _checksum(tensors)):
+            found = (
+                "one that does not match its checksum" if checksum is not None else "one without a checksum"
+            )
+            raise StorageError(
+                f"{file} is damaged: expected a checkpoint as it was written, got {found}; "
+                "delete the file to compute what it holds anew"
+            )
         try:
             state = json.loads(tensors.pop(_STATE).tobytes())
-        except (KeyError, ValueError):
+        except (KeyError, ValueError, RecursionError):
             raise StorageError(f"{file}: expected a checkpoint, got tensors without a state") from None
         return state, tensors
 
     def keep(self, name: str, state: Mapping[str, Any], tensors: Mapping[str, NDArray[Any]]) -> None:
         """Write a file of data that need not be computed again."""
         text = np.frombuffer(json.dumps(state).encode(), np.uint8)
-        write_atomically(self.path / name, pack_tensors({**tensors, _STATE: text}))
+        content = {**tensors, _STATE: text}
+        write_atomically(self.path / name, pack_tensors({**content, _CHECKSUM: _checksum(content)}))

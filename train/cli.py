@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import sys
 import warnings
 from collections import Counter
@@ -16,7 +17,7 @@ from guided_gym.errors import GuidedGymError, GuidedGymWarning
 from guided_gym.train.plan_cli import register as register_plans
 from guided_gym.train.reinforcement_cli import train_app
 from guided_gym.train.replay_cli import register as register_replays
-from guided_gym.train.terminal import EXIT_INTERRUPTED, console, drawing_status, progress_bar
+from guided_gym.train.terminal import console, drawing_status, end_on_sigterm, exit_code, progress_bar
 
 if TYPE_CHECKING:
     from rich.console import Console
@@ -36,9 +37,9 @@ class _Group(TyperGroup):
         except GuidedGymError as error:
             print(f"guided-gym: error: {error}", file=sys.stderr)
             ctx.exit(EXIT_ERROR)
-        except KeyboardInterrupt:
+        except KeyboardInterrupt as error:
             print("guided-gym: interrupted", file=sys.stderr)
-            ctx.exit(EXIT_INTERRUPTED)
+            ctx.exit(exit_code(error))
 
 
 app = typer.Typer(
@@ -80,6 +81,7 @@ Imports = Annotated[
 def main() -> None:
     """Entry point of the console script."""
     warnings.formatwarning = _one_line
+    end_on_sigterm()
     app()
 
 
@@ -391,6 +393,9 @@ def _report(
         screen.print(table)
     for line in verdicts(results):
         screen.print(line, markup=False)
+    if not os.access(folder, os.W_OK, effective_ids=os.access in os.supports_effective_ids):
+        screen.print(f"\n{folder} cannot be written: tables and figures there stay as they are", markup=False)
+        return
     written = [folder / RESULTS_FILE, *save(rows, folder)]
     if figures:
         from guided_gym.train.drawing import draw_evaluation

@@ -144,6 +144,8 @@ def run_plans(
             file.describe(group.fingerprint, _content(group.plan))
         _drop_stale(file, groups, wanted)
         batches, missing = _batches(groups, wanted, file)
+        if batches:
+            file.require_writing()  # now, and not after the first of them
         done, total = len(groups) * len(wanted) - missing, len(groups) * len(wanted)
         if progress is not None:
             progress(done, total)

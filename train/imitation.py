@@ -20,15 +20,17 @@ from torch import Tensor
 from torch.nn import functional
 
 from guided_gym.catalogue.table import make_distribution
+from guided_gym.checks import count, integer
 from guided_gym.errors import InvalidInputError
 from guided_gym.guidance.learned import field as field_module
 from guided_gym.guidance.learned import weights
 from guided_gym.guidance.learned.agent import LearnedAgent, LearnedGuidance
 from guided_gym.guidance.learned.field import FieldArchitecture, FieldModel, decoder_input, encoder_columns
 from guided_gym.guidance.learned.scorer import ScorerArchitecture, ScorerColumn, ScorerModel
-from guided_gym.guidance.solvers.wave import CostField
+from guided_gym.guidance.solvers.wave import CostField, check_grid
 from guided_gym.kernels import fields
 from guided_gym.measure.target import Measure
+from guided_gym.options import checked_samples
 from guided_gym.randomness import streams
 from guided_gym.search.search import Expansion, Search
 from guided_gym.train import networks
@@ -48,6 +50,12 @@ _NEAREST: Final = 0.1  # sides of the square below which errors are no longer ta
 _STEPS_KEPT: Final = 16  # of a search, for the scorer
 _TREES_A_BATCH: Final = 32
 _POSES_A_BATCH: Final = 512
+
+# Bytes, about: what lessons, a round's trees and the scorer take.
+_POSE: Final = 32  # a pose and its cost
+_HEADING: Final = 4  # room of a pose, or a sample of the distance
+_TREE: Final = 16 * 1024 * 60  # of the steps kept, each with its columns of some 1,000 nodes
+_UNIT: Final = 100_000  # with its row of weights, Adam's moments, and its values in a batch of trees
 
 
 @dataclass(frozen=True)
@@ -102,12 +110,17 @@ class ImitationConfig:
     scorer_hidden: int = 32
 
     def __post_init__(self) -> None:
-        for name in ("problems", "validation", "poses", "batch", "searches", "max_samples", "scorer_hidden"):
-            if getattr(self, name) < 1:
-                raise InvalidInputError(f"{name}: expected at least 1, got {getattr(self, name)!r}")
-        for name in ("seed", "encoder_steps", "decoder_epochs", "rounds", "scorer_steps"):
-            if getattr(self, name) < 0:
-                raise InvalidInputError(f"{name}: expected at least 0, got {getattr(self, name)!r}")
+        integer("seed", self.seed, least=0)
+        for name in ("encoder_steps", "decoder_epochs", "rounds", "scorer_steps"):
+            integer(name, getattr(self, name), least=0)
+        integer("poses", self.poses, least=1)
+        check_grid(self.cells, self.headings)
+        lesson = _POSE * self.poses + _HEADING * self.cells**2 * (self.headings + fields.FINE**2)
+        for name in ("problems", "validation", "batch"):
+            count(name, getattr(self, name), least=1, each=lesson, what="the lessons of so many problems")
+        checked_samples(self.max_samples)
+        count("searches", self.searches, least=1, each=_TREE, what="the trees of a round")
+        count("scorer_hidden", self.scorer_hidden, least=1, each=_UNIT, what="a scorer of so many units")
         if not self.environments:
             raise InvalidInputError("environments: expected at least one, got none")
         if self.divergence not in ("forward", "reverse"):

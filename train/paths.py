@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from guided_gym.checks import integer
+from guided_gym.checks import count, integer
 from guided_gym.errors import InvalidInputError, StorageError
 from guided_gym.storage.path_build import BuildReport, Progress, build_database
 from guided_gym.storage.path_file import DatabaseHeader
@@ -18,6 +18,7 @@ from guided_gym.trajectories import shortcut
 SEED_OFFSET = 1_000_000  # a database's problems are others than the ones that evaluation uses
 MAX_SAMPLES = 20_000
 _GOAL_BIAS = 0.05
+_PATH = 500  # bytes of a path, about
 _SHORTCUTS = 100  # attempts a path
 
 
@@ -71,7 +72,7 @@ def build_path_database(
     """
     from guided_gym.catalogue.table import make_distribution
 
-    integer("paths", n_paths, least=1)
+    count("paths", n_paths, least=1, each=_PATH, what="so many paths")
     integer("workers", workers, least=1)
     distribution = make_distribution(environment)
     if not 0 <= offset < 2**62:

@@ -24,9 +24,10 @@ from stable_baselines3.common.monitor import Monitor
 from stable_baselines3.common.vec_env import DummyVecEnv
 
 from guided_gym.catalogue.table import make_distribution
-from guided_gym.checks import integer, number
+from guided_gym.checks import count, integer, number
 from guided_gym.errors import InvalidInputError
 from guided_gym.guidance.base import GuidingSpace
+from guided_gym.options import checked_samples
 from guided_gym.train.checkpoints import RunFolder, check_board
 from guided_gym.train.imitation import checked_device, moments_of, put_moments
 from guided_gym.train.validation import rank, validated
@@ -36,6 +37,8 @@ Progress = Callable[[int, int, str], None]
 
 CHECKPOINT_SECONDS: Final = 20.0
 _MB: Final = 1_000_000
+_COPY: Final = 1_000_000  # bytes, at least: a problem, its oracle and the observation of a tree
+_SEARCH: Final = 10_000  # likewise: what is kept of a validation search
 _ROW: Final = 32  # bytes of action, reward, return, episode start, value, log-probability and advantage
 
 
@@ -93,8 +96,13 @@ class ReinforcementConfig:
     def __post_init__(self) -> None:
         if not self.environments:
             raise InvalidInputError("environments: expected at least one, got none")
-        for name in ("steps", "copies", "epochs", "max_samples", "validation", "validate_every"):
+        for name in ("steps", "epochs", "validate_every"):
             integer(name, getattr(self, name), least=1)
+        checked_samples(self.max_samples)
+        count("copies", self.copies, least=1, each=_COPY, what="so many environments")
+        count(
+            "validation", self.validation, least=1, each=_SEARCH, what="so many problems and their searches"
+        )
         for name in ("rollout", "batch"):
             integer(name, getattr(self, name), least=2)
         integer("seed", self.seed, least=0)

@@ -313,12 +313,23 @@ class ResultsFile:
         path: The file, made when there is none; None keeps results in memory only.
 
     Raises:
-        StorageError: The file is corrupt, foreign, of another version or not writable.
+        StorageError: The file is corrupt, foreign, of another version, or cannot be made. One that is there
+            and can be read, but not written, says so when something is to be added.
     """
 
     def __init__(self, path: Path | None) -> None:
         self.path = path
-        self._connection = connect(path, _FORMAT)
+        self._trouble: StorageError | None = None  # why it can be read only
+        try:
+            self._connection = connect(path, _FORMAT)
+        except StorageError as error:
+            if path is None or not path.is_file():
+                raise
+            try:
+                self._connection = connect(path, _FORMAT, "read")
+            except StorageError:
+                raise error from None
+            self._trouble = error
 
     @classmethod
     def in_folder(cls, folder: Path | None) -> ResultsFile:
@@ -348,7 +359,9 @@ class ResultsFile:
         self.close()
 
     def describe(self, fingerprint: str, content: Mapping[str, Any]) -> None:
-        """Note what a settings fingerprint stands for."""
+        """Note what a settings fingerprint stands for, unless nothing can be added anyway."""
+        if self._trouble is not None:
+            return
         row = (fingerprint, json.dumps(content, sort_keys=True))
         with storage_errors(self.path, _FORMAT, "write"), transaction(self._connection) as cursor:
             cursor.execute("INSERT OR IGNORE INTO settings VALUES (?, ?)", row)
@@ -359,6 +372,7 @@ class ResultsFile:
         Raises:
             StorageError: The file cannot be written.
         """
+        self.require_writing()
         rows = [_row(run) for run in runs]
         marks = ", ".join("?" * len(_COLUMNS))
         with storage_errors(self.path, _FORMAT, "write"), transaction(self._connection) as cursor:
@@ -370,6 +384,7 @@ class ResultsFile:
         Raises:
             StorageError: The file cannot be written.
         """
+        self.require_writing()
         with storage_errors(self.path, _FORMAT, "write"), transaction(self._connection) as cursor:
             cursor.executemany("INSERT OR IGNORE INTO skipped VALUES (?, ?, ?, ?, ?)", list(rows))
 
@@ -398,6 +413,7 @@ class ResultsFile:
         rows = [(environment, guidance, settings, seed) for seed in seeds]
         query = "DELETE FROM runs WHERE environment = ? AND guidance = ? AND settings = ? AND seed = ?"
         if rows:
+            self.require_writing()
             with storage_errors(self.path, _FORMAT, "write"), transaction(self._connection) as cursor:
                 cursor.executemany(query, rows)
 
@@ -414,6 +430,15 @@ class ResultsFile:
         wanted = set(seeds)
         rows = self._select(query, (environment, guidance, settings))
         return [self._run(row) for row in rows if row[2] in wanted]
+
+    def require_writing(self) -> None:
+        """Refuse a file that can only be read.
+
+        Raises:
+            StorageError: It is one.
+        """
+        if self._trouble is not None:
+            raise self._trouble
 
     def _select(self, query: str, values: tuple[Any, ...]) -> Iterator[tuple[Any, ...]]:
         with storage_errors(self.path, _FORMAT, "read"):

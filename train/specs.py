@@ -15,10 +15,15 @@ from functools import cache, lru_cache
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from guided_gym.checks import integer
 from guided_gym.errors import GuidedGymError, InvalidInputError, NoPathError
 from guided_gym.guidance.grammar import FAMILY, JOINED, Call, Option, is_name, parse, split, text_of
-from guided_gym.options import DEFAULT_CANDIDATES, DEFAULT_ORACLE, OracleOptions, TargetParameters
+from guided_gym.options import (
+    DEFAULT_CANDIDATES,
+    DEFAULT_ORACLE,
+    OracleOptions,
+    TargetParameters,
+    checked_samples,
+)
 from guided_gym.problems import Task
 from guided_gym.train.results import RESULTS_VERSION
 
@@ -258,7 +263,7 @@ class EvaluationSettings:
         from guided_gym.train.protocols import checked_protocol
 
         checked_protocol(self.protocol, self.expansion, self.rewire)
-        integer("max_samples", self.max_samples, least=1)
+        checked_samples(self.max_samples)
         self.search_options()  # checks the rest
         Task([0.0], [1.0]).ending(self.goal_tolerance, self.goal_edge)
 

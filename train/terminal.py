@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import signal
 import sys
 from collections.abc import Callable, Iterator
 from pathlib import Path
@@ -14,8 +15,27 @@ if TYPE_CHECKING:
     from rich.progress import Progress
 
 EXIT_INTERRUPTED: Final = 130
+EXIT_TERMINATED: Final = 143
 WIDE: Final = 140  # columns of a table in a file
 LINE_SECONDS: Final = 10.0  # between two lines of progress where no bar can be drawn
+
+
+class Terminated(KeyboardInterrupt):
+    """SIGTERM: ends a command as Ctrl-C does, so that its workers end, too, and leave nothing behind."""
+
+
+def end_on_sigterm() -> None:
+    """Have SIGTERM raise `Terminated` from now on; by default the process would end without cleaning up."""
+
+    def terminated(number: int, frame: object) -> None:
+        raise Terminated
+
+    signal.signal(signal.SIGTERM, terminated)
+
+
+def exit_code(error: KeyboardInterrupt) -> int:
+    """What a command that was stopped exits with."""
+    return EXIT_TERMINATED if isinstance(error, Terminated) else EXIT_INTERRUPTED
 
 
 def console(stderr: bool = False) -> Console:
@@ -45,10 +65,10 @@ def progress_bar(title: str, place: Path) -> Iterator[Callable[..., None]]:
                 show(done, total, what)
 
             yield update
-    except KeyboardInterrupt:
+    except KeyboardInterrupt as error:
         done = f"{state['done']} of {state['total']} are kept in {place}"
         print(f"guided-gym: interrupted; {done}. The same command goes on from there.", file=sys.stderr)
-        sys.exit(EXIT_INTERRUPTED)
+        sys.exit(exit_code(error))
 
 
 @contextlib.contextmanager

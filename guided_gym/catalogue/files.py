@@ -26,6 +26,7 @@ from guided_gym.catalogue.inspection import hit_obstacles, nearest_free_pose
 from guided_gym.catalogue.maps import (
     DEFAULT_OPTIONS,
     MAP_SUFFIXES,
+    MOST_NESTED,
     MapOptions,
     check_nesting,
     geojson_shape,
@@ -445,8 +446,19 @@ def read_problem_file(path: str | Path) -> ProblemFile:
 
 def _parsed(path: Path, text: str) -> Any:
     check_nesting(path, text)
-    if path.suffix.lower() == ".json":
-        return parsed_json(path, text)
+    return parsed_json(path, text) if path.suffix.lower() == ".json" else parsed_toml(path, text)
+
+
+def parsed_toml(path: Path, text: str) -> dict[str, Any]:
+    """The content of a TOML text.
+
+    Raises:
+        StorageError: It is none, or nested deeper than any honest file; names the line where it can.
+    """
+    check_nesting(path, text)
+    deepest = max((part.count(".") for part in re.split(r"[=,\[\]{}\n]", text)), default=0)
+    if deepest > MOST_NESTED:  # Python's reader takes the square of that
+        raise StorageError(f"{path}: expected keys of at most {MOST_NESTED} parts, got {deepest + 1}")
     try:
         return tomllib.loads(text)
     except tomllib.TOMLDecodeError as error:

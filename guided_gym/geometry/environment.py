@@ -11,6 +11,7 @@ import numpy.typing as npt
 import shapely
 from shapely.geometry.base import BaseGeometry
 
+from guided_gym.checks import affordable, integer, shown, vector
 from guided_gym.errors import InvalidInputError
 from guided_gym.geometry.convex import Pieces, cover_polygons
 from guided_gym.geometry.occupancy import cell_obstacles, occupied_cells
@@ -156,8 +157,8 @@ class Environment:
         Raises:
             InvalidInputError: n is not positive.
         """
-        if n < 1:
-            raise InvalidInputError(f"a raster needs at least one cell a side, got {n!r}")
+        side = integer("raster", n, least=1)
+        affordable("raster", n, 24 * side * side, "a raster of the workspace")
         xmin, ymin, xmax, ymax = self.bounds
         centres = (np.arange(n) + 0.5) / n
         x, y = xmin + centres * (xmax - xmin), ymin + centres * (ymax - ymin)
@@ -185,19 +186,12 @@ def _as_items(what: str, values: object, kind: str) -> list[object]:
 
 
 def _checked_bounds(bounds: Sequence[float]) -> Bounds:
-    try:
-        values = tuple(float(v) for v in bounds)
-    except (TypeError, ValueError):
-        values = ()
-    if (
-        len(values) != 4
-        or not np.isfinite(values).all()
-        or not (values[0] < values[2] and values[1] < values[3])
-    ):
+    xmin, ymin, xmax, ymax = vector("bounds", bounds, 4).tolist()
+    if not (xmin < xmax and ymin < ymax):
         raise InvalidInputError(
-            f"bounds must be finite (xmin, ymin, xmax, ymax) with xmin < xmax and ymin < ymax, got {bounds!r}"
+            f"bounds: expected (xmin, ymin, xmax, ymax) with xmin < xmax and ymin < ymax, got {shown(bounds)}"
         )
-    return values
+    return xmin, ymin, xmax, ymax
 
 
 def _checked_obstacles(items: list[object], bounds: Bounds) -> tuple[shapely.Polygon, ...]:

@@ -12,7 +12,7 @@ import numpy as np
 import numpy.typing as npt
 import shapely
 
-from guided_gym.checks import number
+from guided_gym.checks import number, shown
 from guided_gym.errors import InvalidInputError
 from guided_gym.geometry.convex import Pieces, cover
 from guided_gym.geometry.environment import Environment
@@ -46,9 +46,9 @@ class Robot(Mechanism):
     name: str = field(default="robot", compare=False)
 
     def __post_init__(self) -> None:
-        if self.dimension not in (2, 3):
+        if type(self.dimension) is not int or self.dimension not in (2, 3):
             raise InvalidInputError(
-                f"a planar robot's dimension is 2 (x, y) or 3 (x, y, theta), not {self.dimension!r}"
+                f"a planar robot's dimension is 2 (x, y) or 3 (x, y, theta), not {shown(self.dimension)}"
             )
         object.__setattr__(self, "outline", checked_outline(self.outline))
         if self.dimension == 3 and self.radius == 0.0:

@@ -13,13 +13,14 @@ from typing import Any, ClassVar
 import numpy as np
 from numpy.typing import NDArray
 
-from guided_gym.checks import flag, instance, integer, number
+from guided_gym.checks import flag, instance, number
 from guided_gym.errors import InvalidInputError
 from guided_gym.geometry.environment import Environment
 from guided_gym.guidance.base import GuidingSpace
 from guided_gym.guidance.modifications import SAME, UNCHANGED, EnvironmentModification, RobotModification
 from guided_gym.guidance.solvers.base import CostToGo, Query
 from guided_gym.kernels.turns import charged
+from guided_gym.options import checked_candidates
 from guided_gym.search.search import Expansion
 from guided_gym.search.tree import SearchTree
 
@@ -95,7 +96,7 @@ class Composed(GuidingSpace):
         forbids = robot.keeps and environment.optimistic
         self.lesson = (FORBID if forbids else AVOID) if lesson is None else lesson
         self.detour = number("detour", detour, least=0)
-        self.candidates = None if candidates is None else integer("candidates", candidates, least=1)
+        self.candidates = None if candidates is None else checked_candidates(candidates)
 
     def prepare(self) -> None:
         """Modify the problem, and have the solver begin."""

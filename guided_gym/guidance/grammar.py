@@ -168,7 +168,7 @@ def place(text: str, at: int) -> str:
 def _exists(path: str) -> bool:
     try:
         return bool(path) and os.path.exists(path)
-    except ValueError:  # a null character
+    except (OSError, ValueError):  # longer than any path, or a null character
         return False
 
 

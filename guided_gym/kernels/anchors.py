@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from guided_gym.kernels.collision import Geometry, pose_clearance
 from guided_gym.kernels.metric import Metric, placed, segment_separation, separation, shortest
-from guided_gym.kernels.nearest import State, k_nearest
+from guided_gym.kernels.nearest import State, k_nearest, within
 from guided_gym.kernels.segments import ROUNDING
 
 Floats = NDArray[np.float64]
@@ -21,6 +21,7 @@ Int32s = NDArray[np.int32]
 Ints = NDArray[np.int64]
 Taught = tuple[Floats, Floats, Floats]
 Anchored = tuple[Int32s, Floats, Int32s]
+_SLACK = 1.0 + 1e-9  # the index and the metric may round differently
 
 
 @njit(cache=True)
@@ -97,6 +98,15 @@ def _close(q: Floats, i: int, among: Ints, taught: Taught, longest: float, metri
 
 
 @njit(cache=True)
+def _around(
+    q: Floats, i: int, index: State, taught: Taught, farthest: float, longest: float, metric: Metric
+) -> Ints:
+    """`_close` among all states, by an index over them; ``farthest`` is the largest of their reaches."""
+    some = within(index, q[i], (farthest + longest) * _SLACK)
+    return _close(q, i, some, taught, longest, metric)
+
+
+@njit(cache=True)
 def charge_anchors(
     q: Floats,
     rows: Ints,
@@ -156,11 +166,21 @@ def nearest_anchors(q: Floats, index: State, points: Floats, k: int, metric: Met
 
 @njit(cache=True)
 def charged_anchors(
-    q: Floats, index: State, points: Floats, k: int, taught: Taught, metric: Metric
+    q: Floats,
+    index: State,
+    points: Floats,
+    k: int,
+    taught: Taught,
+    lessons: State,
+    farthest: float,
+    metric: Metric,
 ) -> Anchored:
     """`nearest_anchors` that have paid for what was raised near them (`charge_anchors`), along no edges."""
     vertices, lengths = nearest_anchors(q, index, points, k, metric)
-    charge_anchors(q, np.arange(q.shape[0]), vertices, lengths, points, taught, metric)
+    for i in range(q.shape[0]):
+        near = _around(q, i, lessons, taught, farthest, lengths[i].max(), metric)
+        for j in range(k):
+            lengths[i, j] = _charged(lengths[i, j], q[i], points[vertices[i, j]], near, taught, metric)
     return vertices, lengths, np.full(vertices.shape, -1, np.int32)
 
 
@@ -173,6 +193,8 @@ def candidate_values(
     k: int,
     around: int,
     taught: Taught,
+    lessons: State,
+    farthest: float,
     metric: Metric,
 ) -> Floats:
     """Heuristic of configurations; those that lie close together share the search for their vertices.
@@ -185,6 +207,8 @@ def candidate_values(
         k: Anchors a configuration.
         around: Vertices around all of them from which each takes its own.
         taught: Where ways were made costlier, as in `charge_anchors`.
+        lessons: Index over those places, so that a choice costs what was taught near it and not all there is.
+        farthest: The largest of their reaches.
         metric: Weights and periods of the distance.
 
     Returns:
@@ -203,8 +227,7 @@ def candidate_values(
         spread = max(spread, separation(middle, q[i], metric))
     if separation(middle, points[goal], metric) <= away[-1]:
         some, away = np.append(some, goal), np.append(away, away[-1])
-    every = np.arange(taught[1].size)
-    close = _close(middle[None], 0, every, taught, 2.0 * spread + away[-1], metric)
+    close = _around(middle[None], 0, lessons, taught, farthest, 2.0 * spread + away[-1], metric)
     out = np.full(n, np.inf)
     lengths, ids = np.empty(k), np.empty(k, np.int64)
     weights, periods = metric
@@ -223,12 +246,12 @@ def candidate_values(
                 slot -= 1
             lengths[slot], ids[slot] = length, v
             held = min(held + 1, k)
-        among = close
         if lengths[k - 1] > away[-1] - off:  # another vertex may be nearer
             own, far = nearest_anchors(q[i : i + 1], index, points, k, metric)
             ids[:], lengths[:] = own[0].astype(np.int64), far[0]
-            among = every
-        near = _close(q, i, among, taught, lengths[k - 1], metric)
+            near = _around(q, i, lessons, taught, farthest, lengths[k - 1], metric)
+        else:
+            near = _close(q, i, close, taught, lengths[k - 1], metric)
         for j in range(k):
             if lengths[j] + distance[ids[j]] < out[i]:
                 v = points[ids[j]]

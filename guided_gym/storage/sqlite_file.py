@@ -94,7 +94,7 @@ def storage_errors(path: Path | None, kind: FileFormat, action: str) -> Iterator
     """Turn SQLite's and the system's errors into a `StorageError` that names the file."""
     try:
         yield
-    except (sqlite3.Error, OSError) as error:
+    except (sqlite3.Error, OSError, UnicodeDecodeError) as error:  # the last, from a damaged schema or text
         raise StorageError(
             f"cannot {action} the {kind.name} {path or MEMORY}: "
             f"expected a sound, accessible {kind.name}, got: {error}"

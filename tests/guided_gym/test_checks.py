@@ -7,7 +7,7 @@ import math
 import numpy as np
 import pytest
 
-from guided_gym.checks import flag, instance, integer, number, same_place
+from guided_gym.checks import count, flag, instance, integer, number, same_place, shown, vector
 from guided_gym.errors import InvalidInputError
 
 
@@ -50,3 +50,36 @@ def test_same_place():
     assert same_place(flag, flag)
     assert not same_place(flag, integer)
     assert not same_place(lambda: 1, lambda: 1)
+
+
+@pytest.mark.parametrize("value", [[0, 1], (0.5, 2), np.arange(2), [10**30, 1], range(2)])
+def test_vectors_of_any_make_are_vectors(value):
+    found = vector("v", value, 2)
+    assert found.dtype == np.float64
+    np.testing.assert_array_equal(found, [float(x) for x in value])
+    assert not np.shares_memory(found, value) if isinstance(value, np.ndarray) else True
+
+
+@pytest.mark.parametrize(
+    "value", ["01", b"01", {0, 1}, {0: 1}, ["0", "1"], [True, False], [0, None], [0], [[0, 1]], [0, math.nan],
+              [0, 1j], [0, [1]], 3, None, [0, 10**400]]
+)  # fmt: skip
+def test_what_is_no_vector_is_refused(value):
+    with pytest.raises(InvalidInputError, match="v: expected 2 finite numbers, got"):
+        vector("v", value, 2)
+
+
+def test_sizes__are_refused_by_the_memory_that_they_take(monkeypatch):
+    monkeypatch.setenv("GUIDED_GYM_MAX_MEMORY", "1000")
+    assert count("n", 10, least=1, each=100, what="all") == 10
+    with pytest.raises(InvalidInputError, match=r"n: all would take 1\.1e-06 GB of memory at 11"):
+        count("n", 11, least=1, each=100, what="all")
+    with pytest.raises(InvalidInputError, match=r"more than 1e\+15 GB"):
+        count("n", 10**5000, least=1, each=100, what="all")  # Python does not even write it
+
+
+def test_long_values_do_not_make_long_messages():
+    assert len(shown("a" * 10**6)) < 250
+    assert "\n" not in shown(np.zeros((30, 3)))
+    with pytest.raises(InvalidInputError, match="an int that cannot be written"):
+        number("x", 10**5000)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import time
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -85,3 +86,39 @@ def test_a_damaged_checkpoint_is_refused(tmp_path: Path) -> None:
     file.write_bytes(file.read_bytes()[:-3])
     with pytest.raises(StorageError, match="truncated"):
         folder.load()
+
+
+@pytest.mark.parametrize(
+    "text",
+    ["a = " + "[" * 100_000 + "]" * 100_000, "a = " + "9" * 5_000, ".".join("a" * 20_000) + " = 1", "a = ["],
+    ids=["nested", "digits", "parts", "cut"],
+)  # fmt: skip
+def test_configurations_that_no_reader_takes_are_refused_at_once(tmp_path: Path, text: str) -> None:
+    (tmp_path / "c.toml").write_text(text)
+    began = time.perf_counter()
+    with pytest.raises(StorageError, match=r"c\.toml.*: expected"):
+        read_config(tmp_path / "c.toml")
+    assert time.perf_counter() - began < 2
+
+
+@pytest.mark.parametrize("name", [CHECKPOINT_FILE, "data/trees-000.safetensors"])
+def test_no_flipped_bit_is_accepted(tmp_path: Path, name: str) -> None:
+    folder = RunFolder(tmp_path, Options(), "test")
+    state, tensors = {"steps": 3, "history": [0.5]}, {"a": np.arange(4.0), "b": np.arange(3, dtype=np.uint8)}
+    folder.keep(name, state, tensors)
+    file = tmp_path / name
+    whole = file.read_bytes()
+    for bit in range(8 * len(whole)):
+        damaged = bytearray(whole)
+        damaged[bit // 8] ^= 1 << bit % 8
+        file.write_bytes(damaged)
+        try:
+            found = RunFolder.read(file)
+        except StorageError:
+            continue
+        # What makes no difference to what is read: white space in the header, say.
+        assert found[0] == state
+        assert found[1].keys() == tensors.keys()
+        assert all(np.array_equal(found[1][key], tensors[key]) for key in tensors)
+    file.write_bytes(whole)
+    assert RunFolder.read(file)[0] == state

@@ -4,15 +4,19 @@ from __future__ import annotations
 
 import json
 import os
+import shutil
 import signal
 import subprocess
 import sys
+import tempfile
 import time
+from collections.abc import Iterator
 from pathlib import Path
 
 import numpy as np
 import pytest
 import shapely
+from typer.testing import CliRunner
 
 from guided_gym.catalogue import table
 from guided_gym.catalogue.distributions import ProblemList
@@ -24,6 +28,7 @@ from guided_gym.options import TargetParameters
 from guided_gym.planning import guided_search
 from guided_gym.problems import Problem, Task
 from guided_gym.train import evaluation
+from guided_gym.train.cli import app
 from guided_gym.train.evaluation import ELSEWHERE, evaluate, region_sums, run_once
 from guided_gym.train.results import RESULTS_FILE, Results, ResultsFile, Run
 from guided_gym.train.specs import EvaluationSettings, GuidanceSpec
@@ -387,3 +392,65 @@ def test_runs__say_what_they_cost_and_where(tmp_path: Path) -> None:
     total, excess = results.by_cell("Cup", "rrt", (24, 24))
     assert total.sum() == pytest.approx(results.values("Cup", "rrt", "total_efficiency").mean(), rel=1e-5)
     assert excess.sum() == pytest.approx(results.values("Cup", "rrt", "excess_efficiency").mean(), rel=1e-5)
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="POSIX signals")
+def test_sigterm__ends_as_an_interrupt_does_and_leaves_nothing(tmp_path: Path) -> None:
+    process = start(tmp_path, 120)
+    wait_for_runs(tmp_path, process)
+    process.send_signal(signal.SIGTERM)
+    _, errors = process.communicate(timeout=60)
+    assert process.returncode == 143
+    assert "The same command goes on from there" in errors
+    assert "leaked" not in errors
+    assert "Traceback" not in errors
+
+
+ASKED = ["evaluate", "--env", "Cup", "--guidance", "rrt", "--seeds", "2", "--workers", "1"]
+ASKED += ["--max-samples", str(SHORT.max_samples), "--out"]
+
+
+@pytest.fixture
+def sealed() -> Iterator[Path]:
+    """A folder with results that nobody here may write to, root neither."""
+    folder = Path(tempfile.mkdtemp())
+    done = CliRunner().invoke(app, [*ASKED, str(folder), "--no-figures"])  # imports what another user may not
+    assert done.exit_code == 0, done.output
+    files = [folder, *folder.iterdir()]
+    for file in files:
+        file.chmod(0o555 if file.is_dir() else 0o444)
+    root = hasattr(os, "geteuid") and os.geteuid() == 0
+    if root:
+        os.seteuid(65534)
+    try:
+        if os.access(folder, os.W_OK, effective_ids=os.access in os.supports_effective_ids):
+            pytest.skip("needs a folder that cannot be written")
+        yield folder
+    finally:
+        if root:
+            os.seteuid(0)
+        folder.chmod(0o755)
+        shutil.rmtree(folder)
+
+
+def test_read_only_folder__that_holds_all_results_gives_them(sealed: Path) -> None:
+    assert [run.seed for run in evaluate("Cup", "rrt", seeds=2, out=sealed, settings=SHORT).runs] == [0, 1]
+    with pytest.raises(StorageError, match="cannot open the guided-gym results file"):
+        evaluate("Cup", "rrt", seeds=3, out=sealed, settings=SHORT)
+
+
+def test_read_only_folder__the_command_prints_the_table(sealed: Path) -> None:
+    done = CliRunner().invoke(app, [*ASKED, str(sealed)])
+    assert done.exit_code == 0, done.output
+    assert "rrt" in done.output
+    assert "cannot be written" in done.output
+
+
+def test_a_damaged_schema_is_one_clear_error(tmp_path: Path) -> None:
+    evaluate("Cup", "rrt", seeds=1, out=tmp_path, settings=SHORT)
+    file = tmp_path / RESULTS_FILE
+    damaged = bytearray(file.read_bytes())
+    damaged[damaged.find(b"skipped")] = 0xFF
+    file.write_bytes(damaged)
+    with pytest.raises(StorageError, match="expected a sound, accessible guided-gym results file"):
+        evaluate("Cup", "rrt", seeds=1, out=tmp_path, settings=SHORT)

@@ -57,7 +57,11 @@ def agent_folder(name: str) -> Path:
     if name in shipped_agents():
         return SHIPPED / name
     folder = Path(name)
-    if not name or not folder.is_dir():
+    try:
+        there = bool(name) and folder.is_dir()
+    except (OSError, ValueError):  # longer than any path
+        there = False
+    if not there:
         raise UnknownNameError("learned agent (and no such folder)", name, shipped_agents())
     return folder
 

@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 from guided_gym.guidance.solvers.base import Floats, Query, Valid
 from guided_gym.guidance.subspace import Subspace
 from guided_gym.kernels.anchors import anchored_values_of, charge_anchors, enter_anchors, linked_nodes
+from guided_gym.kernels.metric import Metric
 from guided_gym.structures.nearest import GrowingIndex
 from guided_gym.structures.segments import SegmentIndex
 from guided_gym.structures.shortest_paths import RoadmapGraph, ShortestPathTree
@@ -131,7 +132,7 @@ class GraphCostToGo(ABC):
         """Build the graph for a query."""
         self.query, self.rng, self.step = query, rng, step
         self.looks = 0
-        self.taught = Taught(query.space.dimension)
+        self.taught = Taught(query.space.metric)
         # Where nothing is an obstacle nothing is looked at, not even the goal.
         seen = bool(query.space.environment.obstacles)
         self._open = not seen or bool(query.space.valid(query.goal))
@@ -148,7 +149,7 @@ class GraphCostToGo(ABC):
     def _renew(self, share: float) -> None:
         """Build another graph, and teach it within ``share`` of its reach what the last one was taught."""
         lessons, inspections = self.taught, self._inspections
-        self.taught, self._inspections = Taught(self.query.space.dimension), []
+        self.taught, self._inspections = Taught(self.query.space.metric), []
         self._restart()
         for state, reach, factor in zip(*lessons.arrays, strict=True):
             self.raise_near(state, share * reach, factor)
@@ -232,10 +233,14 @@ class GraphCostToGo(ABC):
 
     def _charge(self, states: Floats, anchors: Anchors) -> None:
         """Have the anchors of states pay for what was raised near them."""
-        if len(self.taught):
+        taught = self.taught.arrays
+        if len(states) == 1 and len(self.taught):  # most often: then only what was taught around it
+            finite = anchors.lengths[np.isfinite(anchors.lengths)]
+            taught = self.taught.around(states[0], float(finite.max()) if finite.size else 0.0)
+        if len(taught[1]):
             charge_anchors(
                 states, np.arange(len(states)), anchors.vertices, anchors.lengths, self.graph.points,
-                self.taught.arrays, self.query.space.metric,
+                taught, self.query.space.metric,
             )  # fmt: skip
 
     def _values(self, anchors: Anchors, rows: NDArray[np.int64]) -> Floats:
@@ -267,10 +272,17 @@ class GraphCostToGo(ABC):
 
 
 class Taught:
-    """What failures taught: states, how far around them, and how many times costlier ways there are."""
+    """What failures taught: states, how far around them, and how many times costlier ways there are.
 
-    def __init__(self, dimension: int) -> None:
-        self._arrays = np.zeros((16, dimension)), np.zeros(16), np.zeros(16)
+    Attributes:
+        index: Where the states are.
+        farthest: The largest of the reaches.
+    """
+
+    def __init__(self, metric: Metric) -> None:
+        self.index = GrowingIndex(metric, capacity=16)
+        self.farthest = 0.0
+        self._arrays = np.zeros((16, len(metric.weights))), np.zeros(16), np.zeros(16)
         self._n = 0
 
     def __len__(self) -> int:
@@ -283,7 +295,15 @@ class Taught:
             self._arrays = a, b, c
         states, reaches, factors = self._arrays
         states[self._n], reaches[self._n], factors[self._n] = state, reach, factor
+        self.index.add(state)
+        self.farthest = max(self.farthest, float(reach))
         self._n += 1
+
+    def around(self, state: Floats, length: float) -> tuple[Floats, Floats, Floats]:
+        """`arrays` of those, in order, that an anchor of a length from a state can pass within reach of."""
+        rows = self.index.within(state, (self.farthest + length) * (1.0 + 1e-9))
+        states, reaches, factors = self._arrays
+        return states[rows], reaches[rows], factors[rows]
 
     @property
     def arrays(self) -> tuple[Floats, Floats, Floats]:

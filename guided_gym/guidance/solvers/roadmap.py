@@ -8,7 +8,7 @@ from typing import Final, NamedTuple
 
 import numpy as np
 
-from guided_gym.checks import integer
+from guided_gym.checks import affordable, integer
 from guided_gym.geometry.space import ConfigurationSpace
 from guided_gym.guidance.solvers.base import Floats, Query
 from guided_gym.guidance.solvers.graph import Anchors, Graph, GraphCostToGo, Ints
@@ -25,6 +25,9 @@ from guided_gym.structures.shortest_paths import (
 
 _NETS: Final = 8  # roadmaps of one kind that a search may get: drawn once, and used again
 _RENEWALS: Final = 9  # where no path exists, there must be a last one
+_VERTEX: Final = 300  # bytes of a vertex, its place in the index and in the tree of shortest paths included
+_EDGE: Final = 200  # of an edge: while the graph is built, and in the index of its segments
+_ANCHOR: Final = 40  # of an anchor, and its link back
 _AROUND: Final = 12  # times as many vertices around candidates as each of them has anchors
 
 
@@ -57,6 +60,9 @@ class Roadmap(GraphCostToGo):
         self.vertices = integer("vertices", vertices, least=1)
         self.neighbours = integer("neighbours", neighbours, least=1)
         self.anchors = integer("anchors", anchors, least=1)
+        size = _VERTEX + _EDGE * self.neighbours
+        affordable("vertices, neighbours", (vertices, neighbours), self.vertices * size, "the roadmap")
+        affordable("anchors", anchors, self.anchors * _ANCHOR * 1000, "the anchors of 1,000 nodes")
 
     def begin(self, query: Query, rng: np.random.Generator, step: float) -> None:
         """Draw the roadmap, or take one that was drawn before."""
@@ -107,7 +113,8 @@ class Roadmap(GraphCostToGo):
         if not self._lazy or count == 0:
             return super().joined(states)
         nearest, metric = self._net.nearest.state, self.query.space.metric
-        return Anchors(*charged_anchors(states, nearest, points, count, self.taught.arrays, metric))
+        taught = self.taught.arrays, self.taught.index.state, self.taught.farthest
+        return Anchors(*charged_anchors(states, nearest, points, count, *taught, metric))
 
     def __call__(self, states: Floats) -> Floats:
         """(n, d') states to (n,) cost-to-go; candidates around a node share the search for vertices."""
@@ -117,7 +124,7 @@ class Roadmap(GraphCostToGo):
             graph = self.graph
             h: Floats = candidate_values(
                 states, self._net.nearest.state, graph.points, graph.distance, self.anchors, around,
-                self.taught.arrays, self.query.space.metric,
+                self.taught.arrays, self.taught.index.state, self.taught.farthest, self.query.space.metric,
             )  # fmt: skip
             return h
         return super().__call__(states)

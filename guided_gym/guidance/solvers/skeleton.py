@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import itertools
+import math
 from functools import lru_cache
 from typing import NamedTuple
 
@@ -11,7 +12,7 @@ import numpy as np
 import shapely
 from numpy.typing import NDArray
 
-from guided_gym.checks import number
+from guided_gym.checks import affordable, number
 from guided_gym.errors import InvalidInputError
 from guided_gym.geometry.environment import Environment
 from guided_gym.guidance.solvers.base import require_dimensions, require_rigid
@@ -23,6 +24,7 @@ _SAMPLES_PER_DIAGONAL = 100  # boundary samples along a line as long as the work
 _ALONG = 0.02  # of its length by which the clearance of an edge falls that runs along the boundary
 _FINER = 4  # samples twice as dense each time, where the skeleton is not what it must be
 _SAME = 1e-6  # spacings by which two samples are one
+_EDGE = 700  # bytes of an edge and its vertex, in graph, index and tree of shortest paths
 _PRUNE = 1.5  # a dead end nearer to the boundary than this many sample spacings is an artefact of sampling
 
 
@@ -193,6 +195,10 @@ def _pruned(
     return _Axis(points, clearance, pairs[kept], alive)
 
 
+def _whole(size: float) -> int:
+    return int(size) if math.isfinite(size) else 2**1023
+
+
 @lru_cache(maxsize=64)
 def medial_axis(environment: Environment, spacing: float) -> tuple[NDArray[np.float64], NDArray[np.int32]]:
     """The skeleton as arrays, its branches cut into edges of about ``spacing``.
@@ -206,6 +212,8 @@ def medial_axis(environment: Environment, spacing: float) -> tuple[NDArray[np.fl
     lines = shapely.linestrings(
         axis.points[np.concatenate(chains)], indices=np.repeat(np.arange(len(chains)), sizes)
     )
+    whole = float(shapely.length(lines).sum())
+    affordable("spacing", spacing, _whole(_EDGE * whole / spacing), "a skeleton cut into such edges")
     parts = np.maximum(1, np.rint(shapely.length(lines) / spacing).astype(np.int64))
     shares = np.concatenate([np.arange(1, k) / k for k in parts.tolist()])
     inner = shapely.get_coordinates(

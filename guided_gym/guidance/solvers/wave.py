@@ -17,7 +17,7 @@ import numpy as np
 import shapely
 from numpy.typing import NDArray
 
-from guided_gym.checks import integer, number
+from guided_gym.checks import affordable, integer, is_affordable, number
 from guided_gym.errors import InvalidInputError
 from guided_gym.geometry.environment import Environment
 from guided_gym.geometry.robots import Robot, rigid
@@ -41,6 +41,7 @@ _ROUGH: Final = 1.1  # lengths: the grid is no more exact than that
 _SLOWEST: Final = 1e3  # times that failures may slow down a pose
 _KEPT: Final = 8  # problems whose fields are kept
 _KEPT_GRIDS: Final = 4  # grids that are kept for other tasks in the same space
+_POSE: Final = 64  # bytes of a pose: room, links, slowness, effort, arrivals, and what a wave takes
 _RUNS_A_RAISE: Final = 4  # runs over poses that turn, after each so many of which one more rise has to come
 
 
@@ -317,6 +318,8 @@ class WaveModel:
             if not fields.blocked_on_way(start, found.values, grid.closed, found.frame):
                 break
             cells = max(cells * 3 // 2 // 8 * 8, cells + 8)
+            if not is_affordable(_grid_bytes(cells, self.headings)):
+                break
         return grid, found
 
 
@@ -472,3 +475,8 @@ def check_grid(cells: int, headings: int) -> None:
     for name, value, part in (("cells", cells, 8), ("headings", headings, 4)):
         if integer(name, value, least=part) % part:
             raise InvalidInputError(f"{name}: expected a multiple of {part}, got {value!r}")
+    affordable("cells, headings", (cells, headings), _grid_bytes(cells, headings), "the grid of poses")
+
+
+def _grid_bytes(cells: int, headings: int) -> int:
+    return int(cells) ** 2 * (_POSE * int(headings) + 8 * 8 * fields.FINE**2)

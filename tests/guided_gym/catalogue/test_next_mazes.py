@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import io
 import math
 import os
 import pickle
+import zipfile
 from pathlib import Path
 
 import numpy as np
@@ -186,3 +188,33 @@ def test_the_published_data(robot, visible):
     for problem in problems[:3]:
         result = guided_search(problem, "oracle", seed=0, max_samples=300, options=SearchOptions(step=0.1))
         assert result.solved
+
+
+def _npy(shape: object) -> bytes:
+    stream = io.BytesIO()
+    np.lib.format.write_array_header_1_0(stream, {"descr": "<f8", "fortran_order": False, "shape": shape})
+    return stream.getvalue()
+
+
+def test_damaged_headers_and_impossible_shapes_are_one_clear_error(tmp_path: Path) -> None:
+    walls = np.ones((2, 15, 15))
+    walls[:, 1:-1, 1:-1] = 0
+    stream = io.BytesIO()
+    np.save(stream, walls)
+    sound = stream.getvalue()
+    flipped = [
+        bytes(b ^ (1 << bit) if i == at else b for i, b in enumerate(sound))
+        for at in range(128)
+        for bit in (0, 7)
+    ]
+    for content in [*flipped, _npy((10**12, 15, 15)), _npy((2**62, 2**62)), _npy((-1, 15, 15)), b""]:
+        with zipfile.ZipFile(tmp_path / "m.npz", "w") as archive:
+            archive.writestr("maps.npy", content)
+            for key in ("init_states", "goal_states"):
+                stream = io.BytesIO()
+                np.save(stream, np.full((2, 2), 0.1))
+                archive.writestr(f"{key}.npy", stream.getvalue())
+        try:
+            load_next_mazes(tmp_path / "m.npz")
+        except StorageError as error:
+            assert "m.npz" in str(error)

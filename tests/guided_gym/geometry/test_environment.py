@@ -86,10 +86,11 @@ def test_from_polygons_equals_shapely_obstacles_and_pickles(room):
 
 
 @pytest.mark.parametrize(
-    "bounds", [(0, 0, 0, 1), (0, 0, 1), (0, 0, math.nan, 1), (0, 0, 1, math.inf), "none", None]
+    "bounds",
+    [(0, 0, 0, 1), (0, 0, 1), (0, 0, math.nan, 1), (0, 0, 1, math.inf), "none", "0123", (1, 0, 0, 1), None],
 )
 def test_bad_bounds_are_refused(bounds):
-    with pytest.raises(InvalidInputError, match="bounds must be"):
+    with pytest.raises(InvalidInputError, match="bounds: expected"):
         Environment(bounds)
 
 
@@ -156,7 +157,7 @@ def test_obstacles_that_are_none_are_refused():
         Environment.from_polygons(BOUNDS, None)
     with pytest.raises(InvalidInputError, match="obstacles: expected a sequence"):
         Environment(BOUNDS, 3)
-    with pytest.raises(InvalidInputError, match="bounds must be finite"):
+    with pytest.raises(InvalidInputError, match="bounds: expected 4 finite"):
         Environment.from_polygons(None, [])
 
 
@@ -167,5 +168,5 @@ def test_corners_that_are_not_finite_are_refused_without_a_warning(recwarn):
 
 
 def test_raster_needs_a_cell(room):
-    with pytest.raises(InvalidInputError, match="at least one cell"):
+    with pytest.raises(InvalidInputError, match="raster: expected an integer, at least 1"):
         room.raster(0)

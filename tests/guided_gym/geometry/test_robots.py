@@ -32,6 +32,12 @@ def test_robot_facts(robot, dimension, radius, pieces):
     assert pickle.loads(pickle.dumps(robot)) == robot
 
 
+@pytest.mark.parametrize("dimension", [2.0, True, "2", 4, None])
+def test_the_dimension_is_one_of_two_integers(dimension: object) -> None:
+    with pytest.raises(InvalidInputError, match="dimension is 2"):
+        Robot(shapely.box(0, 0, 1, 1), dimension=dimension)  # type: ignore[arg-type]
+
+
 def test_placed_turns_counter_clockwise_then_moves():
     placed = Robot.rectangle(2.0, 1.0).placed((3.0, 4.0, math.pi / 2))
     assert placed.equals_exact(

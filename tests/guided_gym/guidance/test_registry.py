@@ -13,6 +13,7 @@ import pytest
 
 from guided_gym import guided_search
 from guided_gym.agents.scripted import make_agent
+from guided_gym.catalogue.table import make_distribution
 from guided_gym.errors import InvalidInputError, UnknownNameError
 from guided_gym.guidance import registry, tables
 from guided_gym.guidance.base import GuidingSpace
@@ -290,3 +291,27 @@ def test_parts__are_all_calls_with_their_tables() -> None:
     names = ["hybrid", "modified", "disc", "hybrid", "rrt", "prm"]
     assert found == [(name, "robot" if name == "disc" else "guidance") for name in names]
     assert call == parse("hybrid(modified(robot=disc(1)), rrt+prm)")
+
+
+@pytest.mark.parametrize(
+    ("expression", "name"),
+    [
+        ("lazy_prm(vertices=1000000000)", "vertices, neighbours"),
+        ("prm(neighbours=1000000000)", "vertices, neighbours"),
+        ("lazy_prm(anchors=1000000000)", "anchors"),
+        ("lazy_prm(vertices=1" + 40 * "0" + ")", "vertices, neighbours"),
+        ("wavefront(cells=8" + 30 * "0" + ")", "cells, headings"),
+        ("wavefront(headings=100000000)", "cells, headings"),
+        ("wavefront(candidates=10000000000)", "candidates"),
+        ("medial_axis(spacing=1e-300)", "spacing"),
+    ],
+)
+def test_sizes_beyond_all_memory_are_refused_at_once(expression: str, name: str) -> None:
+    problem = make_distribution("Cup").problem(0)
+    with pytest.raises(InvalidInputError, match=rf"{name}: .* would take .* GB .* GUIDED_GYM_MAX_MEMORY"):
+        guided_search(problem, expression, seed=0, max_samples=1, measure=False)
+
+
+def test_names_longer_than_any_path_are_unknown() -> None:
+    with pytest.raises(UnknownNameError, match="learned agent"):
+        make_guidance("learned:" + 5000 * "a")
