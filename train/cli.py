@@ -14,6 +14,7 @@ import typer
 from typer.core import TyperGroup
 
 from guided_gym.errors import GuidedGymError, GuidedGymWarning
+from guided_gym.train.lab_cli import register as register_lab
 from guided_gym.train.plan_cli import register as register_plans
 from guided_gym.train.reinforcement_cli import train_app
 from guided_gym.train.replay_cli import register as register_replays
@@ -360,6 +361,7 @@ def warmup() -> None:
 
 register_plans(app)
 register_replays(app)
+register_lab(app)
 
 
 def _names_table(title: str, rows: list[tuple[str, str]]) -> Any:

@@ -79,7 +79,7 @@
 
     _panels(height) {
       const row = make("div", { class: "panels" });
-      this.stages = []; this.readouts = [];
+      this.stages = []; this.readouts = []; this.captions = [];
       this.traces.forEach((trace, i) => {
         const canvas = make("canvas", { class: "stage", role: "img", tabindex: 0 });
         const [xmin, ymin, xmax, ymax] = trace.scene.bounds, shape = (xmax - xmin) / (ymax - ymin);
@@ -89,10 +89,9 @@
         stage.setTrace(trace, 0);
         stage.onview = (view) => this._sameView(stage, view);
         stage.onhover = () => this._read(i);
-        const { guidance, seed, title } = trace.header;
-        const caption = make("figcaption", {}, make("strong", { text: title || guidance || "search" }),
-          make("span", { class: "muted", text: [trace.scene.name, seed === null || seed === undefined ? "" : `seed ${seed}`,
-            outcome(trace)].filter(Boolean).join(" · ") }));
+        const { guidance, title } = trace.header, said = make("span", { class: "muted", text: captionOf(trace) });
+        const caption = make("figcaption", {}, make("strong", { text: title || guidance || "search" }), said);
+        this.captions.push(said);
         const figure = make("figure", {}, caption);
         if (trace.trouble) figure.append(make("p", { class: "notice", role: "status", text: `This trace ends early: ${trace.trouble}.` }));
         for (const text of trace.header.notices || []) figure.append(make("p", { class: "notice", role: "status", text }));
@@ -263,6 +262,7 @@
     grew() {
       const follow = this.sample >= Number(this.scrub.max);
       this._setLength();
+      this.captions.forEach((said, i) => { said.textContent = captionOf(this.traces[i]); });
       this.seek(follow ? this.length : this.sample);
     }
 
@@ -331,6 +331,11 @@
       this.speed = SPEEDS[i];
       this.speedSelect.value = String(this.speed);
     }
+  }
+
+  function captionOf(trace) {
+    const { seed } = trace.header;
+    return [trace.scene.name, seed === null || seed === undefined ? "" : `seed ${seed}`, outcome(trace)].filter(Boolean).join(" · ");
   }
 
   function outcome(trace) {
