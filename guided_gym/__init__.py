@@ -26,6 +26,8 @@ if TYPE_CHECKING:
     from guided_gym.catalogue.problem_set import ProblemSet, build_problem_set
     from guided_gym.catalogue.splits import problem_seed
     from guided_gym.catalogue.table import distribution_names, make_distribution, register_distribution
+    from guided_gym.compute.on_ray import OnRay
+    from guided_gym.compute.workers import Local
     from guided_gym.errors import (
         GuidedGymError,
         InvalidInputError,
@@ -90,6 +92,8 @@ _HOMES: dict[str, tuple[str, ...]] = {
     "catalogue.problem_set": ("ProblemSet", "build_problem_set"),
     "catalogue.splits": ("problem_seed",),
     "catalogue.table": ("distribution_names", "make_distribution", "register_distribution"),
+    "compute.on_ray": ("OnRay",),
+    "compute.workers": ("Local",),
     "errors": ("GuidedGymError", "InvalidInputError", "NoPathError", "StorageError", "UnknownNameError"),
     "geometry.environment": ("Environment",),
     "geometry.linkages": ("Body", "Joint", "Linkage"),
@@ -201,6 +205,7 @@ __all__ = [
     "Joint",
     "Lesson",
     "Linkage",
+    "Local",
     "LocalPlanner",
     "MapOptions",
     "Measure",
@@ -209,6 +214,7 @@ __all__ = [
     "NodeColumn",
     "Observer",
     "OmplPlanner",
+    "OnRay",
     "Oracle",
     "OracleOptions",
     "PathDatabase",

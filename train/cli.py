@@ -14,6 +14,8 @@ import typer
 from typer.core import TyperGroup
 
 from guided_gym.errors import GuidedGymError, GuidedGymWarning
+from guided_gym.train.executor_options import Address, ExecutorKind, Kind
+from guided_gym.train.executor_options import executor as chosen
 from guided_gym.train.lab_cli import register as register_lab
 from guided_gym.train.plan_cli import register as register_plans
 from guided_gym.train.reinforcement_cli import train_app
@@ -143,6 +145,8 @@ def evaluate(
     ] = "rrt,lazy_prm,medial_axis,hybrid",
     seeds: Seeds = 128,
     workers: Workers = 2,
+    executor: ExecutorKind = Kind.LOCAL,
+    address: Address = None,
     out: Annotated[Path | None, typer.Option(help="Folder for results; results/ENV by default.")] = None,
     max_samples: Annotated[int, typer.Option(help="Samples after which a search gives up.")] = 1000,
     step: Annotated[
@@ -201,8 +205,8 @@ def evaluate(
     folder = out or Path("results") / (label + ("" if protocol == "whole" else f"-{protocol}"))
     with progress_bar(f"Evaluating on {', '.join(names)}", folder) as progress:
         results = run(
-            names, guidances, seeds=seeds, workers=workers, out=folder, settings=settings,
-            database=database, imports=imports or (), progress=progress,
+            names, guidances, seeds=seeds, workers=chosen(executor, address, workers), out=folder,
+            settings=settings, database=database, imports=imports or (), progress=progress,
         )  # fmt: skip
     _report(results, folder, figures, names, guidances, settings, database)
 
@@ -230,6 +234,8 @@ def single_step(
     seeds: Seeds = 32,
     moments: Annotated[int, typer.Option(help="Trees that are taken of each search.")] = 4,
     workers: Workers = 2,
+    executor: ExecutorKind = Kind.LOCAL,
+    address: Address = None,
     max_samples: Annotated[int, typer.Option(help="Samples after which a search gives up.")] = 1000,
     out: Annotated[Path | None, typer.Option(help="Folder for the table as CSV and JSON.")] = None,
     imports: Imports = None,
@@ -242,7 +248,8 @@ def single_step(
 
     rows = run(
         env, words("guidance", guidance), harvesters=words("from", harvest), seeds=seeds, moments=moments,
-        workers=workers, settings=EvaluationSettings(max_samples=max_samples), imports=imports or (),
+        workers=chosen(executor, address, workers),
+        settings=EvaluationSettings(max_samples=max_samples), imports=imports or (),
     )  # fmt: skip
     console().print(single_step_table(rows, env))
     if out is not None:
@@ -254,6 +261,8 @@ def single_step(
 def reproduce(
     seeds: Seeds = 128,
     workers: Workers = 2,
+    executor: ExecutorKind = Kind.LOCAL,
+    address: Address = None,
     out: Annotated[Path, typer.Option(help="Folder for results, figures and tables.")] = Path(
         "results/paper"
     ),
@@ -267,7 +276,8 @@ def reproduce(
     from guided_gym.train.reproduction import save_report
 
     with progress_bar("Reproducing the paper", out) as progress:
-        report = run(seeds=seeds, workers=workers, out=out, baselines=baselines, progress=progress)
+        doing = chosen(executor, address, workers)
+        report = run(seeds=seeds, workers=doing, out=out, baselines=baselines, progress=progress)
     with drawing_status(figures) as drawn:
         written = save_report(report, out, figures=figures, drawn=drawn)
     screen = console()
@@ -281,6 +291,8 @@ def database_build(
     env: Annotated[str, typer.Argument(help="Environment whose problems are solved.")],
     paths: Annotated[int, typer.Option(help="Paths that the database is to hold.")],
     workers: Workers = 2,
+    executor: ExecutorKind = Kind.LOCAL,
+    address: Address = None,
     out: Annotated[Path | None, typer.Option(help="The file; databases/ENV.sqlite by default.")] = None,
     seed: Annotated[int, typer.Option(help="Seed of the first problem.")] = 1_000_000,
     imports: Imports = None,
@@ -293,8 +305,9 @@ def database_build(
     file = out or Path("databases") / f"{file_label(env)}.sqlite"
     with progress_bar(f"Solving {env}", file) as progress:
         report = build_path_database(
-            env, file, paths, workers=workers, offset=seed, imports=tuple(imports or ()), progress=progress
-        )
+            env, file, paths, workers=chosen(executor, address, workers), offset=seed,
+            imports=tuple(imports or ()), progress=progress,
+        )  # fmt: skip
     print(f"{file}: {report.paths} paths ({report.solved} new, {report.unsolved} problems not solved)")
 
 
@@ -311,6 +324,8 @@ def problems_build(
     env: Annotated[str, typer.Argument(help="Environment whose problems are drawn; NAME@train for a split.")],
     count: Annotated[int, typer.Option(help="Problems that the set is to hold.")],
     workers: Workers = 2,
+    executor: ExecutorKind = Kind.LOCAL,
+    address: Address = None,
     out: Annotated[Path | None, typer.Option(help="The file; problems/ENV.problems by default.")] = None,
     seed: Annotated[int, typer.Option(help="Seed of the first problem.")] = 0,
     goal_tolerance: GoalTolerance = None,
@@ -327,7 +342,7 @@ def problems_build(
     with progress_bar(f"Drawing {env}", file) as progress:
         report = build_problem_set(
             file, env, count, first=seed, goal_tolerance=goal_tolerance, goal_edge=goal_edge,
-            workers=workers, prepare=prepare, progress=progress,
+            workers=chosen(executor, address, workers), prepare=prepare, progress=progress,
         )  # fmt: skip
     without = f", {report.without_path} of them without a path" if report.without_path else ""
     print(f"{file}: {report.problems} problems ({report.solved} new{without})")

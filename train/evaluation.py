@@ -14,7 +14,7 @@ import shapely
 from numpy.typing import NDArray
 
 from guided_gym.checks import integer
-from guided_gym.compute.workers import map_tasks
+from guided_gym.compute.workers import Workers, executor_of, map_tasks
 from guided_gym.errors import GuidedGymError, InvalidInputError, NoPathError, StorageError
 from guided_gym.planning import SearchResult, check_watched
 from guided_gym.problems import Problem
@@ -78,7 +78,7 @@ def evaluate(
     guidances: str | GuidanceSpec | Sequence[str | GuidanceSpec],
     *,
     seeds: int | Iterable[int] = 128,
-    workers: int = 1,
+    workers: Workers = 1,
     out: str | Path | None = None,
     settings: EvaluationSettings | None = None,
     database: str | Path | None = None,
@@ -97,7 +97,7 @@ def evaluate(
         environments: Names from the catalogue.
         guidances: Names (with options, see `GuidanceSpec.parse`) or specs.
         seeds: How many, counted from 0, or which. Seed k poses the problem of ``env.reset(seed=k)``.
-        workers: Processes.
+        workers: Processes, or another executor, such as `guided_gym.OnRay`.
         out: Folder of the results file; None keeps nothing.
         settings: Limits, expansion and metric.
         database: Path database for the guidances that need one and name none.
@@ -125,14 +125,14 @@ def run_plans(
     plans: Sequence[Plan],
     *,
     seeds: int | Iterable[int],
-    workers: int = 1,
+    workers: Workers = 1,
     out: str | Path | None = None,
     imports: Sequence[str] = (),
     progress: Progress | None = None,
 ) -> Results:
     """`evaluate` for any list of (environment, guidance, settings); same arguments, same errors."""
     wanted = checked_seeds(seeds)
-    integer("workers", workers, least=1)
+    executor = executor_of(workers)
     if not plans or not wanted:
         raise InvalidInputError("expected at least one environment, one guidance and one seed, got none")
     check_plans(plans)
@@ -149,10 +149,10 @@ def run_plans(
         done, total = len(groups) * len(wanted) - missing, len(groups) * len(wanted)
         if progress is not None:
             progress(done, total)
-        if workers > 1 and batches:
+        if not executor.alone and batches:
             _compile_here([group.plan for group in groups], wanted)
         prepare = partial(import_modules, tuple(imports))
-        for runs, skipped in map_tasks(_run_batch, batches, workers if missing else 1, prepare):
+        for runs, skipped in map_tasks(_run_batch, batches, executor if missing else 1, prepare):
             file.add(runs)
             file.skip(skipped)
             done += len(runs) + len(skipped)

@@ -13,6 +13,7 @@ from stable_baselines3 import PPO
 from stable_baselines3.common.vec_env import DummyVecEnv
 
 from guided_gym.checks import integer
+from guided_gym.compute.workers import Workers
 from guided_gym.envs.guide_selection_env import DEFAULT_GUIDES, GuideSelectionEnv
 from guided_gym.errors import InvalidInputError
 from guided_gym.guidance.base import GuidingSpace
@@ -52,15 +53,18 @@ def train_hybrid(
     out: Path,
     progress: Progress | None = None,
     say: Callable[[str], None] = print,
+    workers: Workers = 1,
 ) -> dict[str, Any]:
     """Run or continue a run; returns the card of the best rule, written to ``out/agent``.
+
+    ``workers`` validate.
 
     Raises:
         InvalidInputError: The device or TensorBoard is not there, or the buffer would take too much memory.
         UnknownNameError: No such environment or guiding space.
         StorageError: The folder holds another run, or a damaged file.
     """
-    return train(_HybridTrainee(config), out, progress, say)
+    return train(_HybridTrainee(config), out, progress, say, workers)
 
 
 class _HybridTrainee(Trainee):

@@ -21,6 +21,7 @@ from torch.nn import functional
 
 from guided_gym.catalogue.table import make_distribution
 from guided_gym.checks import count, integer
+from guided_gym.compute.workers import MapTasks, Workers, in_order, worker_pool
 from guided_gym.errors import InvalidInputError
 from guided_gym.guidance.learned import field as field_module
 from guided_gym.guidance.learned import weights
@@ -150,13 +151,16 @@ def checked_device(name: str) -> torch.device:
     return torch.device(name)
 
 
-def train_imitation(config: ImitationConfig, out: Path, progress: Progress | None = None) -> dict[str, Any]:
+def train_imitation(
+    config: ImitationConfig, out: Path, progress: Progress | None = None, workers: Workers = 1
+) -> dict[str, Any]:
     """Run or continue a run; returns the card of the best agent, written to ``out/agent``.
 
     Args:
         config: What to learn from, and how.
         out: Folder of the run.
         progress: Called with (steps done, steps in all, what is being done).
+        workers: Who validates: processes, or another executor.
 
     Raises:
         InvalidInputError: The device or TensorBoard is not there.
@@ -164,7 +168,8 @@ def train_imitation(config: ImitationConfig, out: Path, progress: Progress | Non
         StorageError: The folder holds another run, or a damaged file.
     """
     run = _Run(config, out, progress or (lambda done, total, what: None))
-    return run.all_stages()
+    with worker_pool(workers) as run.search:
+        return run.all_stages()
 
 
 class _Run:
@@ -172,6 +177,7 @@ class _Run:
 
     def __init__(self, config: ImitationConfig, out: Path, progress: Progress) -> None:
         self.config, self.progress = config, progress
+        self.search: MapTasks = in_order
         self.device = checked_device(config.device)
         check_board(config.tensorboard)
         self.distributions = [make_distribution(name) for name in config.environments]
@@ -431,6 +437,7 @@ class _Run:
             LearnedGuidance(self._agent()),
             count=self.config.validation,
             max_samples=self.config.max_samples,
+            run=self.search,
         )
 
     def _note(self, what: str, **values: float) -> None:

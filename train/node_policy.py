@@ -24,6 +24,7 @@ from stable_baselines3.common.vec_env import DummyVecEnv
 from torch import Tensor, nn
 
 from guided_gym.checks import integer
+from guided_gym.compute.workers import Workers
 from guided_gym.envs.guide_selection_env import Unobserved
 from guided_gym.envs.guided_search_env import GuidedSearchEnv
 from guided_gym.guidance.base import GuidingSpace
@@ -72,16 +73,22 @@ class PPOConfig(ReinforcementConfig):
 
 
 def train_ppo(
-    config: PPOConfig, out: Path, progress: Progress | None = None, say: Callable[[str], None] = print
+    config: PPOConfig,
+    out: Path,
+    progress: Progress | None = None,
+    say: Callable[[str], None] = print,
+    workers: Workers = 1,
 ) -> dict[str, Any]:
     """Run or continue a run; returns the card of the best agent, written to ``out/agent``.
+
+    ``workers`` validate.
 
     Raises:
         InvalidInputError: The device or TensorBoard is not there, or the buffer would take too much memory.
         UnknownNameError: No such environment or agent.
         StorageError: The folder holds another run, or a damaged file; an agent's files cannot be used.
     """
-    return train(_ScorerTrainee(config), out, progress, say)
+    return train(_ScorerTrainee(config), out, progress, say, workers)
 
 
 class ScorerObservation(gymnasium.Wrapper[Any, Any, Any, Any]):

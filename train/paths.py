@@ -8,7 +8,8 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from guided_gym.checks import count, integer
+from guided_gym.checks import count
+from guided_gym.compute.workers import Workers, executor_of
 from guided_gym.errors import InvalidInputError, StorageError
 from guided_gym.storage.path_build import BuildReport, Progress, build_database
 from guided_gym.storage.path_file import DatabaseHeader
@@ -49,7 +50,7 @@ def build_path_database(
     path: Path,
     n_paths: int,
     *,
-    workers: int = 1,
+    workers: Workers = 1,
     offset: int = SEED_OFFSET,
     imports: tuple[str, ...] = (),
     progress: Progress | None = None,
@@ -60,7 +61,7 @@ def build_path_database(
         environment: Name from the catalogue.
         path: The file; its folder is made if there is none.
         n_paths: How many paths it is to hold.
-        workers: Processes.
+        workers: Processes, or another executor, such as `guided_gym.OnRay`.
         offset: Seed of the database's first problem.
         imports: Modules to import first.
         progress: Called with (paths stored, n_paths).
@@ -73,17 +74,17 @@ def build_path_database(
     from guided_gym.catalogue.table import make_distribution
 
     count("paths", n_paths, least=1, each=_PATH, what="so many paths")
-    integer("workers", workers, least=1)
+    executor = executor_of(workers)
     distribution = make_distribution(environment)
     if not 0 <= offset < 2**62:
         raise InvalidInputError(f"seed: expected an integer in [0, 2**62), got {offset!r}")
     name = environment if offset == SEED_OFFSET else f"{environment} from seed {offset}"
     header = DatabaseHeader.for_space(name, distribution.problem(offset).space)
     solve = partial(solve_path, environment, offset, imports)
-    if workers > 1:
+    if not executor.alone:
         solve(0)  # compiles before there are workers: each of them would compile the same
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
     except OSError as error:
         raise StorageError(f"expected a folder for a path database at {path.parent}, got: {error}") from error
-    return build_database(path, header, solve, n_paths, workers=workers, progress=progress)
+    return build_database(path, header, solve, n_paths, workers=executor, progress=progress)

@@ -25,6 +25,7 @@ from stable_baselines3.common.vec_env import DummyVecEnv
 
 from guided_gym.catalogue.table import make_distribution
 from guided_gym.checks import count, integer, number
+from guided_gym.compute.workers import MapTasks, Workers, in_order, worker_pool
 from guided_gym.errors import InvalidInputError
 from guided_gym.guidance.base import GuidingSpace
 from guided_gym.options import checked_samples
@@ -144,16 +145,24 @@ class Trainee(ABC):
 
 
 def train(
-    trainee: Trainee, out: Path, progress: Progress | None = None, say: Callable[[str], None] = print
+    trainee: Trainee,
+    out: Path,
+    progress: Progress | None = None,
+    say: Callable[[str], None] = print,
+    workers: Workers = 1,
 ) -> dict[str, Any]:
     """Run or continue a run; returns the card of the best agent, written to ``out/agent``.
+
+    ``workers`` validate, while this process learns; what they find does not depend on them.
 
     Raises:
         InvalidInputError: The device or TensorBoard is not there, or the buffer would take too much memory.
         UnknownNameError: No such environment.
         StorageError: The folder holds another run, or a damaged file.
     """
-    return _Run(trainee, out, progress or (lambda done, total, what: None), say).finish()
+    run = _Run(trainee, out, progress or (lambda done, total, what: None), say)
+    with worker_pool(workers) as run.search:
+        return run.finish()
 
 
 def buffer_bytes(space: gymnasium.Space[Any], config: ReinforcementConfig, mask: int = 0) -> int:
@@ -168,6 +177,7 @@ class _Run:
 
     def __init__(self, trainee: Trainee, out: Path, progress: Progress, say: Callable[[str], None]) -> None:
         self.trainee, self.config, self.progress = trainee, trainee.config, progress
+        self.search: MapTasks = in_order
         config = self.config
         device = checked_device(config.device)
         check_board(config.tensorboard)
@@ -267,7 +277,11 @@ class _Run:
         guidance = self.trainee.guidance(tensors)
         metrics: dict[str, float] = {"steps": self.model.num_timesteps, "seconds": round(self._elapsed(), 1)}
         metrics |= validated(
-            self.distributions, guidance, count=config.validation, max_samples=config.max_samples
+            self.distributions,
+            guidance,
+            count=config.validation,
+            max_samples=config.max_samples,
+            run=self.search,
         )
         self.state["history"].append(metrics)
         self.state["validated"] = self.model.num_timesteps

@@ -9,6 +9,8 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
+from guided_gym.train.executor_options import Address, ExecutorKind, Kind, ValidationWorkers
+from guided_gym.train.executor_options import executor as chosen
 from guided_gym.train.terminal import progress_bar
 from guided_gym.train.training_cli import (
     DEVICE,
@@ -24,6 +26,7 @@ from guided_gym.train.training_cli import (
 )
 
 if TYPE_CHECKING:
+    from guided_gym.compute.workers import Executor
     from guided_gym.train.reinforcement import ReinforcementConfig
 
 Env = Annotated[str | None, typer.Argument(help="Environments to learn on, separated by commas.")]
@@ -64,24 +67,40 @@ _SCORER: OptionTable = {
 
 @train_app.command("hybrid")
 @takes(_HYBRID)
-def hybrid(env: Env = None, config: Config = None, out: Out = None, **given: Any) -> None:
+def hybrid(
+    env: Env = None,
+    config: Config = None,
+    out: Out = None,
+    workers: ValidationWorkers = 1,
+    executor: ExecutorKind = Kind.LOCAL,
+    address: Address = None,
+    **given: Any,
+) -> None:
     """Learn which guiding space guides when, by plain PPO. Call it again to resume."""
     need("torch", "stable_baselines3", "sb3_contrib")
     from guided_gym.train.hybrid_rule import HybridConfig, train_hybrid
 
     settings = settings_of(HybridConfig, config, {"environments": env, **given})
-    _run("hybrid", train_hybrid, settings, out)
+    _run("hybrid", train_hybrid, settings, out, chosen(executor, address, workers))
 
 
 @train_app.command("ppo")
 @takes(_SCORER)
-def ppo(env: Env = None, config: Config = None, out: Out = None, **given: Any) -> None:
+def ppo(
+    env: Env = None,
+    config: Config = None,
+    out: Out = None,
+    workers: ValidationWorkers = 1,
+    executor: ExecutorKind = Kind.LOCAL,
+    address: Address = None,
+    **given: Any,
+) -> None:
     """Learn which node to expand, by MaskablePPO with the node scorer as policy. Call it again to resume."""
     need("torch", "stable_baselines3", "sb3_contrib")
     from guided_gym.train.node_policy import PPOConfig, train_ppo
 
     settings = settings_of(PPOConfig, config, {"environments": env, **given})
-    _run("ppo", train_ppo, settings, out)
+    _run("ppo", train_ppo, settings, out, chosen(executor, address, workers))
 
 
 @train_app.command("curves")
@@ -106,12 +125,16 @@ def curves(
 
 
 def _run(
-    kind: str, train: Callable[..., dict[str, Any]], settings: ReinforcementConfig, out: Path | None
+    kind: str,
+    train: Callable[..., dict[str, Any]],
+    settings: ReinforcementConfig,
+    out: Path | None,
+    workers: Executor,
 ) -> None:
     """Train with a progress bar, and print what came of it."""
     folder = out or Path("runs") / f"{kind}-{'+'.join(settings.environments)}"
     with progress_bar(kind, folder) as progress:
-        card = train(settings, folder, progress)
+        card = train(settings, folder, progress, workers=workers)
     _print_history(card, folder)
 
 

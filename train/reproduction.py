@@ -8,6 +8,7 @@ from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from guided_gym.compute.workers import Workers
 from guided_gym.train.claims import (
     DATABASE_SIZES,
     DRAWN,
@@ -86,7 +87,7 @@ def paper_plans(database: Path, baselines: bool = False) -> list[Plan]:
 def reproduce(
     *,
     seeds: int = SEEDS,
-    workers: int = 1,
+    workers: Workers = 1,
     out: str | Path = "results/paper",
     baselines: bool = False,
     progress: Progress | None = None,
@@ -95,7 +96,7 @@ def reproduce(
 
     Args:
         seeds: Searches per problem and guidance.
-        workers: Processes.
+        workers: Processes, or another executor, such as `guided_gym.OnRay`.
         out: Folder of the results and of the path database, which is built first if it is not there.
         baselines: Whether to run goal_distance and uninformed on every problem too.
         progress: Called with (done, total, what is going on).

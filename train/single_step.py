@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from guided_gym.checks import integer
-from guided_gym.compute.workers import map_tasks
+from guided_gym.compute.workers import Workers, executor_of, map_tasks
 from guided_gym.errors import InvalidInputError
 from guided_gym.guidance.base import GuidingSpace
 from guided_gym.measure.target import Measure, sampling_efficiency
@@ -135,7 +135,7 @@ def single_step(
     harvesters: Sequence[str | GuidanceSpec] = (),
     seeds: int | Iterable[int] = 32,
     moments: int = MOMENTS,
-    workers: int = 1,
+    workers: Workers = 1,
     settings: EvaluationSettings | None = None,
     imports: Sequence[str] = (),
 ) -> list[SingleStep]:
@@ -147,7 +147,7 @@ def single_step(
         harvesters: Whose searches grow the trees; the guidances themselves if empty.
         seeds: How many, counted from 0, or which; each is a search of every harvester.
         moments: Trees that are taken of a search.
-        workers: Processes.
+        workers: Processes, or another executor, such as `guided_gym.OnRay`.
         settings: Limits, expansion and metric of the searches.
         imports: Modules to import first, here and in the workers.
 
@@ -160,7 +160,7 @@ def single_step(
     """
     import_modules(imports)
     integer("moments", moments, least=1)
-    integer("workers", workers, least=1)
+    executor_of(workers)
     specs, growers = as_specs(list(guidances)), as_specs(list(harvesters or guidances))
     settings = settings or EvaluationSettings()
     check_plans([Plan(environment, spec, settings) for spec in specs])

@@ -11,6 +11,8 @@ from typing import TYPE_CHECKING, Annotated, Any, TypeVar
 import typer
 
 from guided_gym.errors import GuidedGymError
+from guided_gym.train.executor_options import Address, ExecutorKind, Kind, ValidationWorkers
+from guided_gym.train.executor_options import executor as chosen
 from guided_gym.train.terminal import progress_bar
 
 if TYPE_CHECKING:
@@ -114,6 +116,9 @@ def imitation(
     ] = None,
     config: Config = None,
     out: Out = None,
+    workers: ValidationWorkers = 1,
+    executor: ExecutorKind = Kind.LOCAL,
+    address: Address = None,
     **given: Any,
 ) -> None:
     """Learn a field network from the oracle and a node scorer from its target. Call it again to resume."""
@@ -124,7 +129,7 @@ def imitation(
     settings = settings_of(ImitationConfig, config, {"environments": env, **given})
     folder = out or Path("runs") / f"imitation-{'+'.join(settings.environments)}"
     with progress_bar("Imitation", folder) as progress:
-        card = train_imitation(settings, folder, progress)
+        card = train_imitation(settings, folder, progress, chosen(executor, address, workers))
     _print_history(card)
     agent = folder / AGENT_FOLDER
     print(f"\nAgent in {agent}; try: guided-gym evaluate --guidance {learned_word(agent)} --env ...")

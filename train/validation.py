@@ -2,21 +2,38 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from typing import Any
+from collections.abc import Mapping, Sequence
+from functools import partial
+from typing import Any, Final
 
 import numpy as np
 
 from guided_gym.catalogue.distributions import ProblemDistribution
+from guided_gym.compute.workers import MapTasks, in_order
 from guided_gym.guidance.base import GuidingSpace
 from guided_gym.planning import guided_search
 from guided_gym.train.lessons import mixed_problem
 
+_BATCH: Final = 4  # searches that go to a worker together, with the guidance
+_FIGURES: Final = ("solved", "samples", "total_efficiency", "best_possible")
+
 
 def validated(
-    distributions: list[ProblemDistribution], guidance: GuidingSpace, *, count: int, max_samples: int
+    distributions: list[ProblemDistribution],
+    guidance: GuidingSpace,
+    *,
+    count: int,
+    max_samples: int,
+    run: MapTasks = in_order,
 ) -> dict[str, float]:
     """Means over the first ``count`` validation problems of several distributions taken in turns.
+
+    Args:
+        distributions: The distributions.
+        guidance: Who searches.
+        count: How many problems.
+        max_samples: Samples after which a search gives up.
+        run: Who does the searches (`guided_gym.compute.workers.worker_pool`); this process if not said.
 
     Returns:
         Solved rate, samples, total SE, and the sum of -log max Q over the same trees (both in nats).
@@ -24,18 +41,24 @@ def validated(
     Raises:
         NoPathError: A problem without a path.
     """
-    results = [
-        guided_search(
-            mixed_problem(distributions, "validation", i), guidance, seed=i, max_samples=max_samples
-        )
-        for i in range(count)
-    ]
-    return {
-        "solved": float(np.mean([result.solved for result in results])),
-        "samples": float(np.mean([result.samples for result in results])),
-        "total_efficiency": float(np.mean([result.total_efficiency for result in results])),
-        "best_possible": float(np.mean([result.record.best.sum() for result in results])),
-    }
+    batches = [range(i, min(i + _BATCH, count)) for i in range(0, count, _BATCH)]
+    work = partial(_searches, distributions, guidance, max_samples)
+    found = {row[0]: row[1:] for rows in run(work, batches) for row in rows}  # whoever is done first
+    columns = zip(*(found[i] for i in range(count)), strict=True)
+    return {name: float(np.mean(column)) for name, column in zip(_FIGURES, columns, strict=True)}
+
+
+def _searches(
+    distributions: list[ProblemDistribution], guidance: GuidingSpace, max_samples: int, numbers: Sequence[int]
+) -> list[tuple[int, bool, int, float, float]]:
+    """The number of each problem, and the figures of the search for it."""
+    rows = []
+    for i in numbers:
+        problem = mixed_problem(distributions, "validation", i)
+        result = guided_search(problem, guidance, seed=i, max_samples=max_samples)
+        best = float(result.record.best.sum())
+        rows.append((i, result.solved, result.samples, result.total_efficiency, best))
+    return rows
 
 
 def rank(metrics: Mapping[str, Any]) -> tuple[float, float]:

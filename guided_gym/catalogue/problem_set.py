@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 import importlib.metadata
+import json
 from collections import OrderedDict
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from functools import lru_cache
 from pathlib import Path
 from typing import Any, Final
@@ -14,14 +15,14 @@ import numpy as np
 import shapely
 
 from guided_gym.catalogue.distributions import TRIES, ProblemDistribution, ProblemList
-from guided_gym.catalogue.files import problem_content, problem_of
 from guided_gym.catalogue.splits import SplitProblems
 from guided_gym.catalogue.table import make_distribution
 from guided_gym.checks import integer
-from guided_gym.compute.workers import map_tasks
+from guided_gym.compute.workers import Workers, executor_of, map_tasks
 from guided_gym.errors import InvalidInputError, NoPathError, StorageError
 from guided_gym.geometry.convex import Pieces
 from guided_gym.geometry.environment import Environment
+from guided_gym.geometry.linkages import Body, Joint, Linkage
 from guided_gym.geometry.mechanism import Mechanism
 from guided_gym.geometry.robots import Robot
 from guided_gym.measure.oracle import Oracle, oracle_for, remember
@@ -91,7 +92,7 @@ class ProblemSet(ProblemList):
         record = self._file.record(index)
         where = f"{self.path}: problem {int(self._file.keys[index])}"
         try:
-            return _unpacked(record, self.path)
+            return _unpacked(record)
         except StorageError as error:
             raise StorageError(f"{where}: {error}; build the set again") from error
         except (KeyError, TypeError, ValueError, shapely.errors.ShapelyError) as error:
@@ -138,7 +139,7 @@ class ProblemSet(ProblemList):
                 f"{what}: expected problems for goal_tolerance={tolerance} and goal_edge={by_edge}, got a "
                 f"set built for {ending[0]} and {ending[1]}"
             )
-        theirs, ours = self.header["robot"], _robot_of(distribution)
+        theirs, ours = self.header["robot"], _as_read(_robot_of(distribution))
         if theirs is not None and ours is not None and theirs != ours:
             raise InvalidInputError(f"{what}: expected problems for the robot {ours}, got a set for {theirs}")
 
@@ -214,7 +215,7 @@ def build_problem_set(
     first: int = 0,
     goal_tolerance: float | None = None,
     goal_edge: bool | None = None,
-    workers: int = 1,
+    workers: Workers = 1,
     prepare: Callable[[], None] | None = None,
     progress: Progress | None = None,
 ) -> SetReport:
@@ -232,7 +233,7 @@ def build_problem_set(
         first: Seed of the first.
         goal_tolerance: Another rule of when a goal is reached than the problems have, see `Problem.ending`.
         goal_edge: Likewise.
-        workers: Processes; with 1, this one does the work.
+        workers: Processes (with 1, this one does the work), or another executor.
         prepare: Called once in each process, like to import modules that register distributions.
         progress: Called with (problems done, problems asked for).
 
@@ -245,6 +246,7 @@ def build_problem_set(
     """
     path = Path(path)
     count, first = integer("count", count, least=1), integer("first", first, least=0)
+    executor = executor_of(workers)
     made = make_distribution(distribution) if isinstance(distribution, str) else distribution
     header = {
         "distribution": made.name,
@@ -252,7 +254,7 @@ def build_problem_set(
         "count": count,
         "goal_tolerance": goal_tolerance,
         "goal_edge": goal_edge,
-        "robot": _robot_of(made),
+        "robot": _as_read(_robot_of(made)),
         "package": importlib.metadata.version("guided-gym"),
     }
     with RecordWriter(path, WHAT, header) as writer:
@@ -266,7 +268,7 @@ def build_problem_set(
             progress(done, count)
         source = _Source(distribution, goal_tolerance, goal_edge)
         try:
-            for seed, record in map_tasks(source.record, missing, workers if missing else 1, prepare):
+            for seed, record in map_tasks(source.record, missing, executor if missing else 1, prepare):
                 writer.add(seed, record)
                 done += 1
                 if progress is not None:
@@ -296,22 +298,53 @@ def _robot_of(distribution: ProblemDistribution) -> dict[str, Any] | None:
     return first if first == second else None
 
 
+def _as_read(part: dict[str, Any] | None) -> Any:
+    """As it comes back from a file: tuples have become lists."""
+    return json.loads(json.dumps(part))
+
+
 # Records ----------------------------------------------------------------------------------------------------
 
 
 def _robot_part(robot: Mechanism) -> dict[str, Any]:
-    if not isinstance(robot, Robot):
-        return {"name": robot.name, "dimension": robot.dimension, "description": robot.description}
+    """What a file says of a robot.
+
+    Raises:
+        InvalidInputError: A robot of the caller's own kind.
+    """
+    if type(robot) is Robot:
+        return {"name": robot.name, "dimension": robot.dimension, "outline": _hex(robot.outline)}
+    if type(robot) is not Linkage:
+        raise InvalidInputError(f"robot: expected a Robot or a Linkage, got {robot!r}")
     return {
         "name": robot.name,
-        "dimension": robot.dimension,
-        "outline": shapely.to_wkb(robot.outline, hex=True, byte_order=1),
+        "joints": [asdict(joint) for joint in robot.joints],
+        "bodies": [{"joint": body.joint, "outline": _hex(body.outline)} for body in robot.bodies],
+        "tool": robot.tool,
+        "mobile": robot.mobile,
+        "self_collision": robot.self_collision,
     }
 
 
+def _hex(shape: shapely.Geometry) -> str:
+    """A shape to the last bit."""
+    return str(shapely.to_wkb(shape, hex=True, byte_order=1))
+
+
+def _tupled(value: Any) -> Any:
+    return tuple(value) if isinstance(value, list) else value
+
+
 @lru_cache(maxsize=64)
-def _robot(name: str, dimension: int, outline: str) -> Robot:
-    return Robot(shapely.from_wkb(outline), dimension, name)
+def _robot(content: str) -> Mechanism:
+    """The robot of what a file says of it, as JSON; the same object for the problems of a set."""
+    part = json.loads(content)
+    if "joints" not in part:
+        return Robot(shapely.from_wkb(part["outline"]), part["dimension"], part["name"])
+    joints = tuple(Joint(**{name: _tupled(value) for name, value in row.items()}) for row in part["joints"])
+    bodies = tuple(Body(body["joint"], shapely.from_wkb(body["outline"])) for body in part["bodies"])
+    tool, place = part["tool"]
+    return Linkage(joints, bodies, (tool, tuple(place)), part["mobile"], part["self_collision"], part["name"])
 
 
 def _packed(problem: Problem, oracle: Oracle) -> Record:
@@ -322,18 +355,13 @@ def _packed(problem: Problem, oracle: Oracle) -> Record:
         "fingerprint": problem.fingerprint,
         "oracle": {"kind": kept.kind, "meta": kept.meta},
     }
-    planar = type(problem.robot) is Robot and type(problem.environment) is Environment
-    if not planar:  # whatever a problem file can say
-        return Record({**meta, "file": problem_content(problem)}, arrays)
     environment, task = problem.environment, problem.task
-    meta["planar"] = {
+    meta["problem"] = {
         "name": problem.name,
         "robot": _robot_part(problem.robot),
         "bounds": list(environment.bounds),
-        "obstacles": [shapely.to_wkb(one, hex=True, byte_order=1) for one in environment.obstacles],
-        "regions": {
-            name: shapely.to_wkb(region, hex=True, byte_order=1) for name, region in problem.regions.items()
-        },
+        "obstacles": [_hex(one) for one in environment.obstacles],
+        "regions": {name: _hex(region) for name, region in problem.regions.items()},
         "tolerance": task.tolerance,
         "by_edge": task.by_edge,
         "rotation_weight": problem.rotation_weight,
@@ -343,12 +371,12 @@ def _packed(problem: Problem, oracle: Oracle) -> Record:
     return Record(meta, {**own, **cover, **arrays})
 
 
-def _unpacked(record: Record, path: Path) -> tuple[Problem, Oracle] | str:
+def _unpacked(record: Record) -> tuple[Problem, Oracle] | str:
     """The problem and its oracle; of a seed without a path, why."""
     meta, arrays = record
     if "no_path" in meta:
         return str(meta["no_path"])
-    problem = _planar(meta["planar"], record) if "planar" in meta else problem_of(meta["file"], path)
+    problem = _problem(meta["problem"], record)
     if problem.fingerprint != meta["fingerprint"]:
         raise StorageError("expected the problem that the oracle was solved for, got another one")
     prefix = "oracle."
@@ -360,12 +388,12 @@ def _unpacked(record: Record, path: Path) -> tuple[Problem, Oracle] | str:
     return problem, Oracle.restored(problem.space, problem.task.goal, kept)
 
 
-def _planar(part: dict[str, Any], record: Record) -> Problem:
+def _problem(part: dict[str, Any], record: Record) -> Problem:
     environment = Environment(tuple(part["bounds"]), tuple(shapely.from_wkb(part["obstacles"])))
     # The same pieces as when it was built, whatever they were made from.
     environment.__dict__["cover"] = Pieces(*(record.arrays[name] for name in _COVER))
     return Problem(
-        _robot(**part["robot"]),
+        _robot(json.dumps(part["robot"])),
         environment,
         Task(record.arrays["start"], record.arrays["goal"], part["tolerance"], part["by_edge"]),
         part["name"],

@@ -1,4 +1,4 @@
-"""Worker processes for independent tasks: results as they come, clean stops."""
+"""Who does independent tasks: processes here, or another executor; results as they come, clean stops."""
 
 from __future__ import annotations
 
@@ -11,6 +11,7 @@ import signal
 import threading
 from collections.abc import Callable, Iterable, Iterator
 from concurrent.futures.process import BrokenProcessPool
+from dataclasses import dataclass
 from typing import Protocol, TypeVar
 
 from guided_gym.checks import integer
@@ -39,10 +40,36 @@ class MapTasks(Protocol):
         """Results of ``work`` on each task, as they are finished."""
 
 
+class Executor(Protocol):
+    """Who does independent tasks. What comes of them is the same whoever does them."""
+
+    @property
+    def alone(self) -> bool:
+        """Whether this process does them itself, one after the other."""
+
+    def pool(self, prepare: Callable[[], None] | None) -> contextlib.AbstractContextManager[MapTasks]:
+        """What maps functions over tasks, as long as the context lasts; see `worker_pool`."""
+
+
+Workers = int | Executor
+"""A number of processes on this machine, or another executor."""
+
+
+def executor_of(workers: Workers) -> Executor:
+    """The executor that an argument ``workers`` stands for.
+
+    Raises:
+        InvalidInputError: A number that is not positive, or something else.
+    """
+    if isinstance(workers, int | float | str) or not hasattr(workers, "pool"):
+        return Local(integer("workers", workers, least=1))
+    return workers
+
+
 def map_tasks(
     work: Callable[[T], R],
     tasks: Iterable[T],
-    workers: int,
+    workers: Workers,
     prepare: Callable[[], None] | None = None,
 ) -> Iterator[R]:
     """Results of ``work`` on each task, as they are finished; see `worker_pool` for the rest."""
@@ -50,27 +77,54 @@ def map_tasks(
         yield from run(work, tasks)
 
 
-@contextlib.contextmanager
-def worker_pool(workers: int, prepare: Callable[[], None] | None = None) -> Iterator[MapTasks]:
-    """Worker processes that live as long as the context; it gives what maps functions over tasks.
+def worker_pool(
+    workers: Workers, prepare: Callable[[], None] | None = None
+) -> contextlib.AbstractContextManager[MapTasks]:
+    """Workers for as long as the context lasts; it gives what maps functions over tasks.
 
-    The workers leave Ctrl-C to this process, are stopped when the context ends with an error, and end by
-    themselves when this process is killed.
+    Ctrl-C is left to this process. The workers are stopped when the context ends with an error.
 
     Args:
-        workers: Processes; with 1, this one does the work, in order. More are spawned, not forked: a fork
-            copies the locks of threads that do not come along. What they run must be importable: a function
-            at the top level of a module, or a partial of one.
-        prepare: Called once in each process before any work, likewise importable.
+        workers: Processes (see `Local`), or another executor.
+        prepare: Called once in each process before any work; importable, like what is mapped: a function at
+            the top level of a module, or a partial of one.
 
     Raises:
         InvalidInputError: workers is not positive, or what they are to run is not importable.
         GuidedGymError: A worker died.
     """
-    if integer("workers", workers, least=1) == 1:
+    return executor_of(workers).pool(prepare)
+
+
+@dataclass(frozen=True)
+class Local:
+    """Processes on this machine.
+
+    They end by themselves when this process is killed.
+
+    Attributes:
+        workers: How many; with 1, this process does the work, in order. More are spawned, not forked: a fork
+            copies the locks of threads that do not come along.
+    """
+
+    workers: int = 1
+
+    @property
+    def alone(self) -> bool:
+        """Whether this process does the work itself."""
+        return self.workers == 1
+
+    def pool(self, prepare: Callable[[], None] | None = None) -> contextlib.AbstractContextManager[MapTasks]:
+        """See `worker_pool`."""
+        return _local_pool(self.workers, prepare)
+
+
+@contextlib.contextmanager
+def _local_pool(workers: int, prepare: Callable[[], None] | None) -> Iterator[MapTasks]:
+    if workers == 1:
         if prepare is not None:
             prepare()
-        yield _in_order
+        yield in_order
         return
     pool = start_workers(workers, prepare)
     try:
@@ -93,7 +147,7 @@ def start_workers(
         InvalidInputError: workers is not positive, or ``prepare`` is not importable.
     """
     integer("workers", workers, least=1)
-    _check_importable(prepare)
+    check_importable(prepare)
     for hook in _before_workers:
         hook()
     return concurrent.futures.ProcessPoolExecutor(
@@ -120,7 +174,8 @@ def stop_workers(pool: concurrent.futures.ProcessPoolExecutor) -> None:
         manager.join(_SECONDS_TO_STOP)  # else it may close, as Python ends, what Python is about to use
 
 
-def _in_order(work: Callable[[T], R], tasks: Iterable[T]) -> Iterator[R]:
+def in_order(work: Callable[[T], R], tasks: Iterable[T]) -> Iterator[R]:
+    """Have this process do the tasks, one after the other."""
     return map(work, tasks)
 
 
@@ -132,7 +187,7 @@ class _Mapper:
         self._window = window
 
     def __call__(self, work: Callable[[T], R], tasks: Iterable[T]) -> Iterator[R]:
-        _check_importable(work)
+        check_importable(work)
         queue = iter(tasks)
         running: set[concurrent.futures.Future[R]] = set()
         exhausted = False
@@ -154,14 +209,24 @@ def _result(future: concurrent.futures.Future[R]) -> R:
     try:
         return future.result()
     except UnknownNameError as error:
-        raise InvalidInputError(
-            f"{error.subject}: expected a name that the worker processes know, too; they do not know what a "
-            "notebook registers, or a script under `if __name__ == '__main__':`. Put that into a module, and "
-            "name it with --import (in Python, imports=[...]), or use one worker"
-        ) from error
+        raise unknown_there(error) from error
 
 
-def _check_importable(function: Callable[..., object] | None) -> None:
+def unknown_there(error: UnknownNameError) -> InvalidInputError:
+    """What to do about a name that a worker process does not know."""
+    return InvalidInputError(
+        f"{error.subject}: expected a name that the worker processes know, too; they do not know what a "
+        "notebook registers, or a script under `if __name__ == '__main__':`. Put that into a module, and "
+        "name it with --import (in Python, imports=[...]), or use one worker"
+    )
+
+
+def check_importable(function: Callable[..., object] | None) -> None:
+    """Refuse what another process could not import.
+
+    Raises:
+        InvalidInputError: It is no function at the top level of a module, nor a partial of one.
+    """
     try:
         multiprocessing.reduction.ForkingPickler.dumps(function)
     except Exception as error:  # pickle raises whatever the object does
@@ -182,11 +247,16 @@ def in_worker() -> bool:
     return _WORKER in os.environ
 
 
+def be_worker() -> None:
+    """Have `in_worker` say so in this process."""
+    os.environ[_WORKER] = "1"
+
+
 def _start_worker(prepare: Callable[[], None] | None) -> None:
     """Leave Ctrl-C, which a terminal sends to the workers too, to the parent; end when it is killed."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     threading.Thread(target=_end_with_parent, daemon=True).start()
-    os.environ[_WORKER] = "1"
+    be_worker()
     if prepare is not None:
         prepare()
 

@@ -11,7 +11,7 @@ from types import TracebackType
 
 from numpy.typing import ArrayLike
 
-from guided_gym.compute.workers import worker_pool
+from guided_gym.compute.workers import Workers, worker_pool
 from guided_gym.errors import GuidedGymError, InvalidInputError
 from guided_gym.storage.path_file import DatabaseHeader, PathDatabase
 from guided_gym.storage.path_library import FloatArray, checked_path
@@ -40,7 +40,7 @@ def build_database(
     solve: Solve,
     n_paths: int,
     *,
-    workers: int = 1,
+    workers: Workers = 1,
     progress: Progress | None = None,
 ) -> BuildReport:
     """Bring the database at `path` to the first `n_paths` solvable problems of its distribution.
@@ -58,7 +58,7 @@ def build_database(
             more than one worker it must be importable: a function at the top level of a module, or a
             `functools.partial` of one.
         n_paths: how many paths the database is to hold at least.
-        workers: how many processes solve; with 1, this one does.
+        workers: how many processes solve (with 1, this one does), or another executor.
         progress: called with (paths stored, n_paths) after each write.
 
     Raises:

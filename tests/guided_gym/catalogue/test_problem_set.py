@@ -3,19 +3,22 @@
 from __future__ import annotations
 
 import copy
+import json
 import pickle
 from pathlib import Path
 
 import gymnasium
 import numpy as np
 import pytest
+from shapely import LineString
 
 from guided_gym.catalogue.distributions import FixedProblem, ProblemList, SampledProblems
-from guided_gym.catalogue.problem_set import ProblemSet, build_problem_set
+from guided_gym.catalogue.problem_set import ProblemSet, _robot, _robot_part, build_problem_set
 from guided_gym.catalogue.table import make_distribution
 from guided_gym.envs.guided_search_env import GuidedSearchEnv
 from guided_gym.errors import InvalidInputError, NoPathError, StorageError
 from guided_gym.geometry.environment import Environment
+from guided_gym.geometry.linkages import Body, Joint, Linkage
 from guided_gym.geometry.robots import Robot
 from guided_gym.measure.oracle import Oracle, oracle_for
 from guided_gym.problems import Problem, Task
@@ -145,7 +148,7 @@ def test_environment__refuses_a_set_of_other_problems(built, tmp_path):
 def test_problem_set__refuses_an_oracle_that_does_not_fit(built, tmp_path):
     def swapped(header, records):
         (one, a), (two, _) = records[:2]
-        return header, [records[0], records[1]._replace(meta={**two, "planar": one["planar"]}, arrays=a)]
+        return header, [records[0], records[1]._replace(meta={**two, "problem": one["problem"]}, arrays=a)]
 
     with pytest.raises(StorageError, match="problem 1: expected the problem that the oracle was solved for"):
         ProblemSet(rewritten(built, tmp_path / "swapped", swapped))[1]
@@ -213,3 +216,12 @@ def test_problem_set__robots_may_differ_and_one_problem_is_a_set(tmp_path):
     GuidedSearchEnv(several, problems=tmp_path / "several").reset(seed=1)
     build_problem_set(tmp_path / "one", FixedProblem(problems[0]), 1)
     assert ProblemSet(tmp_path / "one")[0].fingerprint == problems[0].fingerprint
+
+
+def test_problem_set__says_of_a_robot_with_joints_all_that_it_is():
+    joints = (Joint((1.0, 5.0), limits=(-2.5, 2.5)), Joint((1.5, 0.0), parent=0, heading=0.3))
+    bodies = tuple(Body(k, LineString([(0, 0), (1.5, 0)])) for k in range(2))
+    for options in ({}, {"mobile": True, "self_collision": True}):
+        arm = Linkage(joints, bodies, (1, (1.5, 0.0)), name="arm", **options)
+        again = _robot(json.dumps(_robot_part(arm)))
+        assert again == arm and again.name == arm.name and again.joints == arm.joints
