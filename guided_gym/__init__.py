@@ -151,7 +151,7 @@ _HOMES: dict[str, tuple[str, ...]] = {
     ),
     "envs.pool": ("ProblemPool",),
     "envs.rewards": ("Choice", "EfficiencyReward", "JensenShannonReward", "Reward"),
-    "envs.wrappers": ("GraphObservation",),
+    "envs.wrappers": ("GraphObservation", "RecordSearch"),
     "agents.scripted": (
         "Agent",
         "EpisodeResult",
@@ -222,6 +222,7 @@ __all__ = [
     "ProblemSet",
     "RandomAgent",
     "Record",
+    "RecordSearch",
     "Results",
     "Reward",
     "Robot",

@@ -173,10 +173,14 @@ def evaluate(
     ] = False,
     database: Annotated[Path | None, typer.Option(help="Path database for path_database.")] = None,
     figures: Figures = True,
+    trace: Annotated[
+        str, typer.Option(help="Searches to record for `replay`: best, median, worst or seeds, with commas.")
+    ] = "",
     imports: Imports = None,
 ) -> None:
     """Evaluate guidances on environments: a table, a results file and figures. Call it again to resume."""
     from guided_gym.options import OracleOptions, TargetParameters
+    from guided_gym.train.chosen_runs import check_words
     from guided_gym.train.evaluation import evaluate as run
     from guided_gym.train.specs import EvaluationSettings, file_label, words
 
@@ -194,6 +198,7 @@ def evaluate(
         oracle=OracleOptions(_resolution(resolution), budget=oracle_budget),
     )
     names, guidances = words("env", env), words("guidance", guidance)
+    check_words(words("trace", trace), seeds)
     label = "+".join(map(file_label, names))
     folder = out or Path("results") / (label + ("" if protocol == "whole" else f"-{protocol}"))
     with progress_bar(f"Evaluating on {', '.join(names)}", folder) as progress:
@@ -201,7 +206,7 @@ def evaluate(
             names, guidances, seeds=seeds, workers=workers, out=folder, settings=settings,
             database=database, imports=imports or (), progress=progress,
         )  # fmt: skip
-    _report(results, folder, figures, names, guidances, settings, database)
+    _report(results, folder, figures, trace, names, guidances, settings, database)
 
 
 def _resolution(text: str) -> tuple[int, ...] | None:
@@ -375,14 +380,17 @@ def _report(
     results: Results,
     folder: Path,
     figures: bool,
+    trace: str,
     names: list[str],
     guidances: list[str],
     settings: EvaluationSettings,
     database: Path | None,
 ) -> None:
-    """Print the table and write it, then draw the figures."""
+    """Print the table and write it, then record searches and draw the figures."""
+    from guided_gym.train.chosen_runs import trace_runs
     from guided_gym.train.evaluation import Plan, as_specs
     from guided_gym.train.results import RESULTS_FILE
+    from guided_gym.train.specs import words
     from guided_gym.train.table import rich_tables, save, summarise, verdicts
 
     screen = console()
@@ -392,11 +400,12 @@ def _report(
     for line in verdicts(results):
         screen.print(line, markup=False)
     written = [folder / RESULTS_FILE, *save(rows, folder)]
+    plans = [Plan(name, spec, settings) for name in names for spec in as_specs(guidances, database)]
+    if trace:
+        written += [one.path for one in trace_runs(results, plans, words("trace", trace), folder)]
     if figures:
         from guided_gym.train.drawing import draw_evaluation
 
-        specs = as_specs(guidances, database)
-        plans = [Plan(name, spec, settings) for name in names for spec in specs]
         with drawing_status(figures) as drawn:
             written += draw_evaluation(results, plans, folder / "figures", drawn)
     _name_files(screen, folder, written)

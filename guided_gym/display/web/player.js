@@ -57,6 +57,7 @@
       this.speed = 60;
       this.fixedTheme = theme;
       element.classList.add("player");
+      element.classList.toggle("single", traces.length === 1);
       element.replaceChildren();
       this._panels(stages);
       if (chart) this._chart();
@@ -84,7 +85,8 @@
         const canvas = make("canvas", { class: "stage", role: "img", tabindex: 0 });
         const [xmin, ymin, xmax, ymax] = trace.scene.bounds, shape = (xmax - xmin) / (ymax - ymin);
         canvas.style.aspectRatio = String(Math.min(3, Math.max(0.7, shape)));
-        canvas.style.maxHeight = height ? `${height}px` : "min(72vh, 900px)";
+        const most = height ? `${height}px` : "min(78vh, 900px)"; // high; and no wider than that needs
+        canvas.style.maxWidth = `calc(${most} * ${Math.min(3, Math.max(0.7, shape))})`;
         const stage = new G.Stage(canvas), readout = make("p", { class: "readout" });
         stage.setTrace(trace, 0);
         stage.onview = (view) => this._sameView(stage, view);
