@@ -12,7 +12,7 @@ from typing import Final, NoReturn
 from guided_gym.errors import InvalidInputError
 from guided_gym.train.evaluation import Plan, run_once
 from guided_gym.train.results import Results, Run
-from guided_gym.train.specs import file_label
+from guided_gym.train.specs import file_label, made
 
 TRACES: Final = "traces"
 """The folder of traces within that of an evaluation."""
@@ -93,7 +93,7 @@ def trace_runs(
     folder: Path,
     traced: Callable[[str], None] | None = None,
 ) -> list[Chosen]:
-    """Search some runs of each plan again, and write their traces.
+    """Search some runs of each plan again, and write their traces; not of planners that cannot be traced.
 
     Args:
         results: What was found.
@@ -110,6 +110,8 @@ def trace_runs(
     for plan in plans:
         if not results.has(plan.environment, plan.spec.label):
             continue
+        if not getattr(made(plan.spec), "traceable", True):
+            continue  # a planner of another library whose tree its samples do not tell
         runs = results.group(plan.environment, plan.spec.label)
         by_seed = {run.seed: run for run in runs}
         for seed, names in chosen_runs(runs, words).items():
