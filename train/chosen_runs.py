@@ -91,7 +91,7 @@ def trace_runs(
     plans: Sequence[Plan],
     words: Sequence[str],
     folder: Path,
-    traced: Callable[[str], None] | None = None,
+    progress: Callable[[int, int], None] | None = None,
 ) -> list[Chosen]:
     """Search some runs of each plan again, and write their traces; not of planners that cannot be traced.
 
@@ -100,29 +100,35 @@ def trace_runs(
         plans: What was run.
         words: Which runs; see `chosen_runs`.
         folder: That of the evaluation; the traces go into `TRACES` below it.
-        traced: Called with the name of each trace when it is written.
+        progress: Called with (traces written, traces to write).
 
     Raises:
         InvalidInputError: A word that is none of these.
         StorageError: A trace cannot be written.
     """
-    found = []
-    for plan in plans:
-        if not results.has(plan.environment, plan.spec.label):
-            continue
-        if not getattr(made(plan.spec), "traceable", True):
-            continue  # a planner of another library whose tree its samples do not tell
-        runs = results.group(plan.environment, plan.spec.label)
-        by_seed = {run.seed: run for run in runs}
-        for seed, names in chosen_runs(runs, words).items():
-            path = folder / TRACES / f"{trace_name(plan, seed)}.jsonl"
-            _, result = run_once(plan, seed, path)
-            run = by_seed[seed]
-            same = (result.samples, len(result.tree)) == (run.samples, run.nodes)
-            found.append(Chosen(plan, run, names, path, same))
-            if traced is not None:
-                traced(path.name)
+    wanted = [
+        (plan, run, names)
+        for plan in plans
+        # Not of a planner of another library whose tree its samples do not tell.
+        if results.has(plan.environment, plan.spec.label) and getattr(made(plan.spec), "traceable", True)
+        for run, names in _chosen(results.group(plan.environment, plan.spec.label), words)
+    ]
+    found: list[Chosen] = []
+    for plan, run, names in wanted:
+        if progress is not None:
+            progress(len(found), len(wanted))
+        path = folder / TRACES / f"{trace_name(plan, run.seed)}.jsonl"
+        _, result = run_once(plan, run.seed, path)
+        same = (result.samples, len(result.tree)) == (run.samples, run.nodes)
+        found.append(Chosen(plan, run, names, path, same))
+    if progress is not None:
+        progress(len(found), len(wanted))
     return found
+
+
+def _chosen(runs: Sequence[Run], words: Sequence[str]) -> list[tuple[Run, tuple[str, ...]]]:
+    by_seed = {run.seed: run for run in runs}
+    return [(by_seed[seed], names) for seed, names in chosen_runs(runs, words).items()]
 
 
 def trace_name(plan: Plan, seed: int) -> str:

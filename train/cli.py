@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import shlex
 import sys
 import warnings
 from collections import Counter
+from collections.abc import Sequence
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
@@ -16,13 +18,14 @@ from guided_gym.errors import GuidedGymError, GuidedGymWarning
 from guided_gym.train.plan_cli import register as register_plans
 from guided_gym.train.reinforcement_cli import train_app
 from guided_gym.train.replay_cli import register as register_replays
+from guided_gym.train.replay_cli import say_report
 from guided_gym.train.terminal import EXIT_INTERRUPTED, console, drawing_status, progress_bar
 
 if TYPE_CHECKING:
     from rich.console import Console
 
+    from guided_gym.train.evaluation import Plan
     from guided_gym.train.results import Results
-    from guided_gym.train.specs import EvaluationSettings
 
 EXIT_ERROR = 2
 
@@ -126,6 +129,7 @@ def list_names(imports: Imports = None) -> None:
 
 @app.command()
 def evaluate(
+    context: typer.Context,
     env: Annotated[
         str,
         typer.Option(
@@ -176,12 +180,17 @@ def evaluate(
     trace: Annotated[
         str, typer.Option(help="Searches to record for `replay`: best, median, worst or seeds, with commas.")
     ] = "",
+    report: Annotated[
+        bool, typer.Option("--report", help="Make a page of it, as `guided-gym report FOLDER` does.")
+    ] = False,
     imports: Imports = None,
 ) -> None:
     """Evaluate guidances on environments: a table, a results file and figures. Call it again to resume."""
     from guided_gym.options import OracleOptions, TargetParameters
     from guided_gym.train.chosen_runs import check_words
+    from guided_gym.train.evaluation import Plan, as_specs
     from guided_gym.train.evaluation import evaluate as run
+    from guided_gym.train.report import note_evaluation
     from guided_gym.train.specs import EvaluationSettings, file_label, words
 
     settings = EvaluationSettings(
@@ -206,7 +215,28 @@ def evaluate(
             names, guidances, seeds=seeds, workers=workers, out=folder, settings=settings,
             database=database, imports=imports or (), progress=progress,
         )  # fmt: skip
-    _report(results, folder, figures, trace, names, guidances, settings, database)
+    plans = [Plan(name, spec, settings) for name in names for spec in as_specs(guidances, database)]
+    note_evaluation(folder, plans, range(seeds), _command_line(context))
+    _show(results, plans, folder, figures, trace)
+    if report:
+        say_report(folder)
+
+
+def _command_line(context: typer.Context) -> str:
+    """The command that is being run, as it can be typed again: what was given, without the defaults."""
+    words = ["guided-gym", context.info_name or ""]
+    for option in context.command.params:
+        value = context.params.get(option.name or "")
+        if value is None or value == option.default or (isinstance(value, list) and not value):
+            continue
+        if value is False and option.secondary_opts:
+            words.append(option.secondary_opts[0])
+        elif value is True:
+            words.append(option.opts[0])
+        else:
+            for one in value if isinstance(value, list | tuple) else [value]:
+                words += [option.opts[0], str(one)]
+    return shlex.join(words)
 
 
 def _resolution(text: str) -> tuple[int, ...] | None:
@@ -254,6 +284,7 @@ def single_step(
 
 @app.command()
 def reproduce(
+    context: typer.Context,
     seeds: Seeds = 128,
     workers: Workers = 2,
     out: Annotated[Path, typer.Option(help="Folder for results, figures and tables.")] = Path(
@@ -265,6 +296,7 @@ def reproduce(
     ] = False,
 ) -> None:
     """Run the paper's experiments, draw its figures and check its claims. Call it again to resume."""
+    from guided_gym.train.report import note_evaluation
     from guided_gym.train.reproduction import reproduce as run
     from guided_gym.train.reproduction import save_report
 
@@ -272,6 +304,7 @@ def reproduce(
         report = run(seeds=seeds, workers=workers, out=out, baselines=baselines, progress=progress)
     with drawing_status(figures) as drawn:
         written = save_report(report, out, figures=figures, drawn=drawn)
+    note_evaluation(out, report.plans, range(seeds), _command_line(context))
     screen = console()
     for table in report.tables():
         screen.print(table)
@@ -376,19 +409,9 @@ def _names_table(title: str, rows: list[tuple[str, str]]) -> Any:
     return table
 
 
-def _report(
-    results: Results,
-    folder: Path,
-    figures: bool,
-    trace: str,
-    names: list[str],
-    guidances: list[str],
-    settings: EvaluationSettings,
-    database: Path | None,
-) -> None:
+def _show(results: Results, plans: Sequence[Plan], folder: Path, figures: bool, trace: str) -> None:
     """Print the table and write it, then record searches and draw the figures."""
     from guided_gym.train.chosen_runs import trace_runs
-    from guided_gym.train.evaluation import Plan, as_specs
     from guided_gym.train.results import RESULTS_FILE
     from guided_gym.train.specs import words
     from guided_gym.train.table import rich_tables, save, summarise, verdicts
@@ -400,7 +423,6 @@ def _report(
     for line in verdicts(results):
         screen.print(line, markup=False)
     written = [folder / RESULTS_FILE, *save(rows, folder)]
-    plans = [Plan(name, spec, settings) for name in names for spec in as_specs(guidances, database)]
     if trace:
         written += [one.path for one in trace_runs(results, plans, words("trace", trace), folder)]
     if figures:

@@ -65,8 +65,8 @@
       this._layerBoxes();
       this._legend();
       this._help();
-      if (keys) document.addEventListener("keydown", (event) => this._key(event));
-      else element.addEventListener("keydown", (event) => this._key(event));
+      this._listener = (event) => this._key(event);
+      (keys ? document : element).addEventListener("keydown", this._listener);
       this._resized = new ResizeObserver(() => this._resize());
       this._resized.observe(element);
       this.setTheme(theme || pageTheme());
@@ -211,6 +211,13 @@
     draw() {
       this.stages.forEach((stage, i) => { stage.draw(); this._read(i); });
       if (this.curve) { this.curve.sample = this.sample; this.curve.draw(); }
+    }
+
+    /** Stop, and let go of the page. */
+    close() {
+      this.pause();
+      this._resized.disconnect();
+      document.removeEventListener("keydown", this._listener);
     }
 
     play() {
