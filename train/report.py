@@ -222,6 +222,26 @@ def report_page(folder: Path, evaluation: Evaluation, results: Results, chosen: 
     return page(title, "\n".join(parts), scripts=(*SCRIPTS, "report.js"), styles=("theme.css", "report.css"))
 
 
+def results_html(results: Results) -> str:
+    """The figures of a notebook's cell: a table per environment, without scripts."""
+    rows = summarise(results)
+    parts = []
+    for environment in results.environments():
+        own = [row for row in rows if row.environment == environment]
+        shown = [one for one in MEASURES if one.part == "quality" and one.key in own[0].figures]
+        heads = "".join(f"<th>{escaped(_title(one))}</th>" for one in shown)
+        body = "".join(
+            f"<tr><td>{row.rank}</td><td>{escaped(row.guidance)}</td>"
+            f"{''.join(_cell(row, one) for one in shown)}</tr>"
+            for row in own
+        )
+        parts.append(
+            f"<div><b>{escaped(environment)}</b>, {own[0].seeds} seeds<table><thead><tr><th></th>"
+            f"<th>guidance</th>{heads}</tr></thead><tbody>{body}</tbody></table></div>"
+        )
+    return "".join(parts)
+
+
 # Parts --------------------------------------------------------------------------------------------------
 
 
@@ -301,7 +321,7 @@ def _cell(row: Row, measure: Measure) -> str:
     shown = f"{sign}{estimate}"
     shown = f"<b>{shown}*</b>" if measure.key in row.best else shown
     kind = ' class="bad"' if measure.key == "solved" and row.unsolved else ""
-    return f'<td data-value="{interval.estimate!r}"{kind}>{shown}<small>{low} – {high}</small></td>'
+    return f'<td data-value="{interval.estimate!r}"{kind}>{shown}<br><small>{low} – {high}</small></td>'
 
 
 def _differences(results: Results, environment: str) -> str:
@@ -323,7 +343,8 @@ def _differences(results: Results, environment: str) -> str:
             text = f"{'+' if difference.estimate > 0 else ''}{_number(difference.estimate, measure.scale)}"
             chance = "" if real else ' <span class="muted">may be chance</span>'
             cells.append(
-                f'<td data-value="{difference.estimate!r}">{text}{chance}<small>{low} – {high}</small></td>'
+                f'<td data-value="{difference.estimate!r}">{text}{chance}<br>'
+                f"<small>{low} – {high}</small></td>"
             )
         body.append(f'<tr><th scope="row">{escaped(guidance)}</th>{"".join(cells)}</tr>')
     heads = "".join(_head(_title(measure)) for measure in measures)

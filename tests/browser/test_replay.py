@@ -9,11 +9,15 @@ from typing import Any
 
 import numpy as np
 import pytest
+from shapely import box, get_coordinates
 
 from guided_gym import (
+    Environment,
+    Linkage,
     Problem,
     SearchOptions,
     StorageError,
+    Task,
     guided_search,
     make_distribution,
     read_trace,
@@ -288,3 +292,36 @@ def test_replay__of_another_version_is_refused_in_python_and_in_the_page(
 def test_replay__is_small(folder: Path) -> None:
     """Some 370 samples, a roadmap of 1,000 vertices included; benchmarks/replay.py measures what is slow."""
     assert len((folder / "two.html").read_bytes()) < 400_000
+
+
+def test_replay__draws_arms_where_they_are(open_page: Any, tmp_path: Path) -> None:
+    """The page's kinematics against Python's: every body and the tool, at every node."""
+    arm = Linkage.arm([1.0, 0.8, 0.6], 0.1, base=(5, 5))
+    room = Environment((0, 0, 10, 10), (box(6.5, 5.6, 9, 6.2),))
+    problem = Problem(arm, room, Task([-1.2, 0.3, 0.2], [1.3, 0.4, -0.3]), "arm")
+    result = guided_search(
+        problem, "rrt", seed=0, max_samples=60, measure=False, trace=tmp_path / "trace.jsonl"
+    )
+    (tmp_path / "page.html").write_text(replay_page([tmp_path / "trace.jsonl"]), encoding="utf-8")
+    page = open_page(tmp_path / "page.html")
+    q = result.tree.configurations
+    tips = value(page, "player.traces[0].x.map((x, i) => [x, player.traces[0].y[i]])")
+    # Pages round angles to 1e-4, and the arm is 2.4 long.
+    np.testing.assert_allclose(tips, arm.position(q), atol=3 * 0.5e-4 * 2.4)
+    placed = page.evaluate(
+        "(q) => player.traces[0].kinematics.place(q).map((body) => [...body.points])", q[-1].tolist()
+    )
+    for points, shape in zip(placed, arm.place(q[-1]), strict=True):
+        corners = get_coordinates(shape)[:-1].ravel()
+        np.testing.assert_allclose(points, corners, atol=1e-9)
+
+
+def test_notebook__a_result_plays_in_a_frame_of_its_own(open_page: Any, tmp_path: Path) -> None:
+    result = guided_search(make_distribution("Cup").problem(0), "medial_axis", seed=0)
+    (tmp_path / "page.html").write_text(f"<meta charset=utf-8>{result._repr_html_()}", encoding="utf-8")
+    page = open_page(tmp_path / "page.html")
+    frame = page.frame_locator("iframe")
+    frame.get_by_role("button", name="To the start").click()
+    assert frame.get_by_role("slider", name="Sample").input_value() == "0"
+    frame.get_by_role("button", name="One sample on").click()
+    assert "chosen: node 0" in frame.locator(".readout").inner_text()

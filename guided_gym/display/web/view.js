@@ -814,7 +814,8 @@
     _drawPath(ctx) {
       const { trace, colours, ratio } = this, path = trace.path;
       if (!path || path.length < 2 || this.sample < trace.samples) return;
-      const points = path.map((q) => { const [x, y] = trace.kinematics.tip(q); return this.toScreen(x, y); });
+      const bent = trace.scene.robot.bodies.length > 1; // straight in C, not in the workspace
+      const points = (bent ? [path[0], ...this.along(path, 150), path.at(-1)] : path).map((q) => { const [x, y] = trace.kinematics.tip(q); return this.toScreen(x, y); });
       ctx.lineJoin = ctx.lineCap = "round";
       ctx.strokeStyle = colours.path; ctx.globalAlpha = 0.4; ctx.lineWidth = 7 * ratio;
       ctx.beginPath();
