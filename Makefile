@@ -28,9 +28,9 @@ help: ## Show this list
 	@echo "guided-gym: make TARGET [PYTHON=python3.12]"
 	@grep -hE '^[a-z]+:.*## ' Makefile | awk -F ':.*## ' '{ printf "  make %-6s %s\n", $$1, $$2 }'
 
-run: $(RUN)/.installed ## Compare guidances on TrapCup: a table, and figures in results/trapcup
+run: $(RUN)/.installed ## Compare guidances on TrapCup: a table, figures, and results/trapcup/report.html
 	@$(RUN)/bin/guided-gym evaluate --env TrapCup --guidance rrt,lazy_prm,medial_axis,hybrid \
-		--seeds 16 --workers 2 --out $(RESULTS)/trapcup
+		--seeds 16 --workers 2 --report --out $(RESULTS)/trapcup
 
 test: lint types ## Check everything, as CI does: style, types, tests and docs, against the built wheel
 	@$(call elsewhere,MPLBACKEND=Agg SDL_VIDEODRIVER=dummy GUIDED_GYM_CACHE="$$away/cache" \

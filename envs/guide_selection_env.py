@@ -151,6 +151,10 @@ class GuideSelectionEnv(gymnasium.Env[NDArray[np.float32], int]):
             self._observation = self._turns.observe()
         return self._observation.copy(), float(reward), terminated, truncated, info
 
+    def _repr_html_(self) -> str:
+        """The search as it stands, for notebooks."""
+        return self.searching._repr_html_()
+
     def render(self) -> NDArray[np.uint8] | None:  # type: ignore[override]
         """A picture of the search; see `GuidedSearchEnv.render`."""
         return self.searching.render()

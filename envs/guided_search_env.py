@@ -20,6 +20,8 @@ from guided_gym.catalogue.problem_set import ProblemSet, open_problem_set
 from guided_gym.catalogue.splits import Split, in_split
 from guided_gym.catalogue.table import make_distribution
 from guided_gym.checks import affordable, flag, integer
+from guided_gym.display.notebook import search_html
+from guided_gym.display.pages import escaped
 from guided_gym.envs.observations import Observation, Observer, TreeObservation, node_bytes, valid_nodes
 from guided_gym.envs.rewards import Choice, Reward, make_reward
 from guided_gym.errors import (
@@ -290,6 +292,12 @@ class GuidedSearchEnv(gymnasium.Env[Observation, Action]):
     def action_masks(self) -> NDArray[np.bool_]:
         """(max_nodes,) bool, True for the nodes that may be expanded (the name MaskablePPO looks for)."""
         return valid_nodes(self.search, self.max_nodes)
+
+    def _repr_html_(self) -> str:
+        """The search as it stands, for notebooks."""
+        if self._search is None:
+            return f"<div>{escaped(type(self).__name__)}: no search yet, before the first reset()</div>"
+        return search_html(self._search)
 
     # Gymnasium --------------------------------------------------------------------------------------------
 

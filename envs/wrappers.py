@@ -1,8 +1,9 @@
-"""Wrappers: the observation in other shapes."""
+"""Wrappers: the observation in other shapes, and records of the searches."""
 
 from __future__ import annotations
 
-from typing import Any
+from pathlib import Path
+from typing import Any, SupportsFloat, cast
 
 import gymnasium
 import numpy as np
@@ -10,8 +11,12 @@ from gymnasium import spaces
 from gymnasium.utils import RecordConstructorArgs
 from numpy.typing import NDArray
 
+from guided_gym.checks import integer
+from guided_gym.envs.guide_selection_env import GuideSelectionEnv
+from guided_gym.envs.guided_search_env import GuidedSearchEnv
 from guided_gym.envs.observations import COLUMNS, MAX_COST, NodeColumn, node_table
 from guided_gym.errors import InvalidInputError
+from guided_gym.traces.writing import TraceWriter
 
 _TABLES = ("nodes", "parents")  # what the graph stands for
 
@@ -66,3 +71,81 @@ def _graph(observation: dict[str, NDArray[Any]]) -> spaces.GraphInstance:
     cost = nodes[:, NodeColumn.COST_TO_COME]
     lengths = np.maximum(cost[children] - cost[parents], 0.0)[:, np.newaxis]
     return spaces.GraphInstance(nodes, lengths, np.stack([parents, children], axis=1))
+
+
+class RecordSearch(gymnasium.Wrapper[Any, Any, Any, Any], RecordConstructorArgs):
+    """Writes the search of each episode as a trace, which `guided-gym replay` plays (docs/replay.md).
+
+    Episode k goes into ``FOLDER/episode-k.jsonl``, k with six digits, from the first reset on. An episode
+    that is cut short leaves a trace that ends early. Invalid actions change nothing: they are not in it.
+
+    Args:
+        env: An environment in which a tree is searched.
+        folder: Where the traces go; made if it is not there. Traces of an earlier run are replaced.
+        every: Record each so many episodes, the first included.
+        title: What the pages call the searches.
+
+    Raises:
+        InvalidInputError: Another environment, or ``every`` is no positive integer.
+        StorageError: A trace cannot be written; raised by `reset` and `step`.
+    """
+
+    def __init__(
+        self, env: gymnasium.Env[Any, Any], folder: str | Path, *, every: int = 1, title: str = ""
+    ) -> None:
+        RecordConstructorArgs.__init__(self, folder=str(folder), every=every, title=title)
+        gymnasium.Wrapper.__init__(self, env)
+        if not isinstance(env.unwrapped, GuidedSearchEnv | GuideSelectionEnv):
+            raise InvalidInputError(f"RecordSearch: expected an environment that searches, got {env}")
+        self.folder, self.every, self.title = Path(folder), integer("every", every, least=1), title
+        self.episodes = 0
+        self._writer: TraceWriter | None = None
+
+    @property
+    def _searching(self) -> GuidedSearchEnv:
+        inner = self.env.unwrapped
+        return inner.searching if isinstance(inner, GuideSelectionEnv) else cast("GuidedSearchEnv", inner)
+
+    def reset(
+        self, *, seed: int | None = None, options: dict[str, Any] | None = None
+    ) -> tuple[Any, dict[str, Any]]:
+        """Begin a search, and its trace."""
+        self._finish()
+        answer = self.env.reset(seed=seed, options=options)
+        if self.episodes % self.every == 0:
+            inner, searching = self.env.unwrapped, self._searching
+            hybrid = inner.hybrid if isinstance(inner, GuideSelectionEnv) else None
+            self._writer = TraceWriter(self.folder / f"episode-{self.episodes:06d}.jsonl")
+            labels = {"guidance": "an agent", "title": self.title or f"episode {self.episodes}"}
+            self._writer.begin(
+                searching.search, guide=hybrid, measure=searching.measure, seed=seed, labels=labels
+            )
+        self.episodes += 1
+        return answer
+
+    def step(self, action: Any) -> tuple[Any, SupportsFloat, bool, bool, dict[str, Any]]:
+        """One sample, and its line."""
+        writer, searching = self._writer, self._searching
+        if writer is None:
+            return self.env.step(action)
+        before = searching.search.samples
+        writer.chosen(None)
+        observation, reward, terminated, truncated, info = self.env.step(action)
+        search = searching.search
+        if search.samples > before and search.last is not None:
+            guide = int(action) if isinstance(self.env.unwrapped, GuideSelectionEnv) else None
+            writer.became(search.last, info["sampling_efficiency"], info["best_possible"], guide)
+        if terminated or truncated:
+            writer.end(search.path())
+            self._finish()
+        return observation, reward, terminated, truncated, info
+
+    def close(self) -> None:
+        """Close the trace and the environment."""
+        self._finish()
+        self.env.close()
+
+    def _finish(self) -> None:
+        if self._writer is not None:
+            self._writer.close()
+            self._writer = None

@@ -155,7 +155,7 @@ _HOMES: dict[str, tuple[str, ...]] = {
     ),
     "envs.pool": ("ProblemPool",),
     "envs.rewards": ("Choice", "EfficiencyReward", "JensenShannonReward", "Reward"),
-    "envs.wrappers": ("GraphObservation",),
+    "envs.wrappers": ("GraphObservation", "RecordSearch"),
     "agents.scripted": (
         "Agent",
         "EpisodeResult",
@@ -228,6 +228,7 @@ __all__ = [
     "ProblemSet",
     "RandomAgent",
     "Record",
+    "RecordSearch",
     "Results",
     "Reward",
     "Robot",

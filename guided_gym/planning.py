@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 import contextlib
+import importlib
 import math
 import time
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Final
 
 import numpy as np
 from numpy.typing import NDArray
@@ -49,6 +50,10 @@ class Record:
     divergence: NDArray[np.float64]
     jensen_shannon: NDArray[np.float64]
     best: NDArray[np.float64]
+
+
+# By name: pictures stand above planning.
+_NOTEBOOK: Final = "guided_gym.display.notebook"
 
 
 @dataclass(frozen=True, repr=False)
@@ -120,6 +125,10 @@ class SearchResult:
         total = self.total_efficiency
         measured = "not measured" if math.isnan(total) else f"total SE {total:.4g} nats"
         return f"SearchResult({found}, {self.samples} samples, {len(self.tree)} nodes, {measured})"
+
+    def _repr_html_(self) -> str:
+        """The search, to be played in a notebook."""
+        return str(importlib.import_module(_NOTEBOOK).result_html(self))
 
 
 def guided_search(

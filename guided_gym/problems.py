@@ -22,8 +22,9 @@ from guided_gym.geometry.environment import Environment
 from guided_gym.geometry.mechanism import Mechanism
 from guided_gym.geometry.space import LARGEST_ANGLE, ConfigurationSpace
 
-# By name: files stand above problems.
+# By name: files and pictures stand above problems.
 _FILES: Final = "guided_gym.catalogue.files"
+_NOTEBOOK: Final = "guided_gym.display.notebook"
 
 
 @dataclass(frozen=True, eq=False)
@@ -237,6 +238,10 @@ class Problem:
         """
         problem: Problem = importlib.import_module(_FILES).load_problem(path)
         return problem
+
+    def _repr_html_(self) -> str:
+        """A picture, for notebooks."""
+        return str(importlib.import_module(_NOTEBOOK).problem_html(self))
 
     @property
     def begins_solved(self) -> bool:

@@ -100,7 +100,7 @@ CORE = (
     "display",
 )
 # Who knows the truth. Guiding spaces do not: but for the exact solver, none could be measured honestly.
-MAY_MEASURE = ("measure", "planning", "catalogue", "guidance.solvers.exact")
+MAY_MEASURE = ("measure", "planning", "catalogue", "guidance.solvers.exact", "display.notebook")
 
 
 def _core(name: str) -> str | None:

@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 import os
+import shlex
 import sys
 import warnings
 from collections import Counter
+from collections.abc import Sequence
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
@@ -20,13 +22,14 @@ from guided_gym.train.lab_cli import register as register_lab
 from guided_gym.train.plan_cli import register as register_plans
 from guided_gym.train.reinforcement_cli import train_app
 from guided_gym.train.replay_cli import register as register_replays
+from guided_gym.train.replay_cli import say_report
 from guided_gym.train.terminal import console, drawing_status, end_on_sigterm, exit_code, progress_bar
 
 if TYPE_CHECKING:
     from rich.console import Console
 
+    from guided_gym.train.evaluation import Plan
     from guided_gym.train.results import Results
-    from guided_gym.train.specs import EvaluationSettings
 
 EXIT_ERROR = 2
 
@@ -131,6 +134,7 @@ def list_names(imports: Imports = None) -> None:
 
 @app.command()
 def evaluate(
+    context: typer.Context,
     env: Annotated[
         str,
         typer.Option(
@@ -180,11 +184,20 @@ def evaluate(
     ] = False,
     database: Annotated[Path | None, typer.Option(help="Path database for path_database.")] = None,
     figures: Figures = True,
+    trace: Annotated[
+        str, typer.Option(help="Searches to record for `replay`: best, median, worst or seeds, with commas.")
+    ] = "",
+    report: Annotated[
+        bool, typer.Option("--report", help="Make a page of it, as `guided-gym report FOLDER` does.")
+    ] = False,
     imports: Imports = None,
 ) -> None:
     """Evaluate guidances on environments: a table, a results file and figures. Call it again to resume."""
     from guided_gym.options import OracleOptions, TargetParameters
+    from guided_gym.train.chosen_runs import check_words
+    from guided_gym.train.evaluation import Plan, as_specs
     from guided_gym.train.evaluation import evaluate as run
+    from guided_gym.train.report import note_evaluation
     from guided_gym.train.specs import EvaluationSettings, file_label, words
 
     settings = EvaluationSettings(
@@ -201,6 +214,7 @@ def evaluate(
         oracle=OracleOptions(_resolution(resolution), budget=oracle_budget),
     )
     names, guidances = words("env", env), words("guidance", guidance)
+    check_words(words("trace", trace), seeds)
     label = "+".join(map(file_label, names))
     folder = out or Path("results") / (label + ("" if protocol == "whole" else f"-{protocol}"))
     with progress_bar(f"Evaluating on {', '.join(names)}", folder) as progress:
@@ -208,7 +222,34 @@ def evaluate(
             names, guidances, seeds=seeds, workers=chosen(executor, address, workers), out=folder,
             settings=settings, database=database, imports=imports or (), progress=progress,
         )  # fmt: skip
-    _report(results, folder, figures, names, guidances, settings, database)
+    plans = [Plan(name, spec, settings) for name in names for spec in as_specs(guidances, database)]
+    if _writable(folder):
+        note_evaluation(folder, plans, range(seeds), _command_line(context))
+    _show(results, plans, folder, figures, trace)
+    if report and _writable(folder):
+        say_report(folder)
+
+
+def _writable(folder: Path) -> bool:
+    """Whether files of the folder can be written; results can be shown where they can only be read."""
+    return os.access(folder, os.W_OK, effective_ids=os.access in os.supports_effective_ids)
+
+
+def _command_line(context: typer.Context) -> str:
+    """The command that is being run, as it can be typed again: what was given, without the defaults."""
+    words = ["guided-gym", context.info_name or ""]
+    for option in context.command.params:
+        value = context.params.get(option.name or "")
+        if value is None or value == option.default or (isinstance(value, list) and not value):
+            continue
+        if value is False and option.secondary_opts:
+            words.append(option.secondary_opts[0])
+        elif value is True:
+            words.append(option.opts[0])
+        else:
+            for one in value if isinstance(value, list | tuple) else [value]:
+                words += [option.opts[0], str(one)]
+    return shlex.join(words)
 
 
 def _resolution(text: str) -> tuple[int, ...] | None:
@@ -259,6 +300,7 @@ def single_step(
 
 @app.command()
 def reproduce(
+    context: typer.Context,
     seeds: Seeds = 128,
     workers: Workers = 2,
     executor: ExecutorKind = Kind.LOCAL,
@@ -272,6 +314,7 @@ def reproduce(
     ] = False,
 ) -> None:
     """Run the paper's experiments, draw its figures and check its claims. Call it again to resume."""
+    from guided_gym.train.report import note_evaluation
     from guided_gym.train.reproduction import reproduce as run
     from guided_gym.train.reproduction import save_report
 
@@ -280,6 +323,7 @@ def reproduce(
         report = run(seeds=seeds, workers=doing, out=out, baselines=baselines, progress=progress)
     with drawing_status(figures) as drawn:
         written = save_report(report, out, figures=figures, drawn=drawn)
+    note_evaluation(out, report.plans, range(seeds), _command_line(context))
     screen = console()
     for table in report.tables():
         screen.print(table)
@@ -390,18 +434,11 @@ def _names_table(title: str, rows: list[tuple[str, str]]) -> Any:
     return table
 
 
-def _report(
-    results: Results,
-    folder: Path,
-    figures: bool,
-    names: list[str],
-    guidances: list[str],
-    settings: EvaluationSettings,
-    database: Path | None,
-) -> None:
-    """Print the table and write it, then draw the figures."""
-    from guided_gym.train.evaluation import Plan, as_specs
+def _show(results: Results, plans: Sequence[Plan], folder: Path, figures: bool, trace: str) -> None:
+    """Print the table and write it, then record searches and draw the figures."""
+    from guided_gym.train.chosen_runs import trace_runs
     from guided_gym.train.results import RESULTS_FILE
+    from guided_gym.train.specs import words
     from guided_gym.train.table import rich_tables, save, summarise, verdicts
 
     screen = console()
@@ -410,15 +447,15 @@ def _report(
         screen.print(table)
     for line in verdicts(results):
         screen.print(line, markup=False)
-    if not os.access(folder, os.W_OK, effective_ids=os.access in os.supports_effective_ids):
+    if not _writable(folder):
         screen.print(f"\n{folder} cannot be written: tables and figures there stay as they are", markup=False)
         return
     written = [folder / RESULTS_FILE, *save(rows, folder)]
+    if trace:
+        written += [one.path for one in trace_runs(results, plans, words("trace", trace), folder)]
     if figures:
         from guided_gym.train.drawing import draw_evaluation
 
-        specs = as_specs(guidances, database)
-        plans = [Plan(name, spec, settings) for name in names for spec in specs]
         with drawing_status(figures) as drawn:
             written += draw_evaluation(results, plans, folder / "figures", drawn)
     _name_files(screen, folder, written)

@@ -216,14 +216,14 @@ def check_plans(plans: Sequence[Plan]) -> None:
         raise InvalidInputError(f"expected plans with different labels, got {labels}")
 
 
-def run_once(plan: Plan, seed: int) -> tuple[Problem, SearchResult]:
-    """One measured search of a plan, and the problem that it solved."""
+def run_once(plan: Plan, seed: int, trace: Path | None = None) -> tuple[Problem, SearchResult]:
+    """One measured search of a plan, recorded in a trace if one is named, and the problem that it solved."""
     from guided_gym.catalogue.table import make_distribution
 
     settings = plan.settings
     distribution = make_distribution(plan.environment)
     problem = distribution.problem(seed, settings.goal_tolerance, settings.goal_edge)
-    return problem, search_once(problem, made(plan.spec), settings, seed)
+    return problem, search_once(problem, made(plan.spec), settings, seed, trace)
 
 
 def _content(plan: Plan) -> dict[str, object]:

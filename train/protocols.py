@@ -12,6 +12,7 @@ A guided search selects a node and expands it. With a protocol, everybody has on
 from __future__ import annotations
 
 from dataclasses import replace
+from pathlib import Path
 from typing import TYPE_CHECKING, Final
 
 import numpy as np
@@ -42,14 +43,20 @@ _STREAM: Final = 0x45585041  # of the sampled children, apart from the search's 
 
 
 def search_once(
-    problem: Problem, guidance: GuidingSpace | WatchedPlanner, settings: EvaluationSettings, seed: int
+    problem: Problem,
+    guidance: GuidingSpace | WatchedPlanner,
+    settings: EvaluationSettings,
+    seed: int,
+    trace: Path | None = None,
 ) -> SearchResult:
     """One measured search by the protocol of the settings.
 
-    With the protocol ``expansion``, the SE of the record, and the least of it, are those of the expansions.
+    With the protocol ``expansion``, the SE of the record, and the least of it, are those of the expansions;
+    that of a trace is of the selections.
 
     Raises:
-        InvalidInputError: A planner that selects and expands by itself, with a protocol other than ``whole``.
+        InvalidInputError: A planner that selects and expands by itself, with a protocol other than ``whole``,
+            or to be traced.
     """
     expansion: GuidingSpace | str | None = settings.expansion
     selector = guidance
@@ -65,6 +72,7 @@ def search_once(
         expansion=expansion,
         options=settings.search_options(),
         distributions=settings.distributions,
+        trace=trace,
     )
     if settings.protocol != "expansion":
         return result

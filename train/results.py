@@ -232,6 +232,12 @@ class Results:
     def __len__(self) -> int:
         return len(self.runs)
 
+    def _repr_html_(self) -> str:
+        """The table, for notebooks."""
+        from guided_gym.train.report import results_html
+
+        return results_html(self)
+
     def pairs(self) -> list[Key]:
         """(environment, guidance) pairs, in order of appearance."""
         return list(dict.fromkeys((run.environment, run.guidance) for run in self.runs))

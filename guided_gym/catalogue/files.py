@@ -40,6 +40,7 @@ from guided_gym.catalogue.maps import (
 )
 from guided_gym.errors import InvalidInputError, StorageError
 from guided_gym.geometry.environment import Environment
+from guided_gym.geometry.linkages import Body, Joint, Linkage
 from guided_gym.geometry.robots import Robot, rigid
 from guided_gym.geometry.space import ConfigurationSpace
 from guided_gym.guidance.learned.weights import write_atomically
@@ -219,6 +220,80 @@ _ROBOT_FIELDS: Final[dict[str, tuple[str, ...]]] = {
     "polygon": ("corners",),
     "outline": ("outline",),
 }
+
+
+class JointPart(_Model):
+    """A joint of a linkage; see `Joint`."""
+
+    offset: Pair
+    parent: int
+    heading: Number
+    limits: Pair | None
+    name: Text
+
+
+class BodyPart(_Model):
+    """A body of a linkage; see `Body`."""
+
+    joint: int
+    outline: dict[str, Any]
+
+
+class LinkagePart(_Model):
+    """A robot with joints; see `Linkage`."""
+
+    joints: Annotated[list[JointPart], Field(max_length=1000)]
+    bodies: Annotated[list[BodyPart], Field(max_length=1000)]
+    tool_joint: int
+    tool: Pair
+    mobile: bool
+    self_collision: bool
+    name: Text
+
+    def linkage(self) -> Linkage:
+        """The robot.
+
+        Raises:
+            InvalidInputError: It cannot be one.
+        """
+        joints = tuple(
+            Joint(
+                (one.offset[0], one.offset[1]),
+                one.parent,
+                one.heading,
+                None if one.limits is None else (one.limits[0], one.limits[1]),
+                one.name,
+            )
+            for one in self.joints
+        )
+        bodies = tuple(Body(one.joint, geojson_shape("outline", one.outline)) for one in self.bodies)
+        tool = (self.tool_joint, (self.tool[0], self.tool[1]))
+        return Linkage(joints, bodies, tool, self.mobile, self.self_collision, self.name)
+
+    @classmethod
+    def of(cls, robot: Linkage) -> LinkagePart:
+        """What is written of a robot."""
+        joints = [
+            JointPart(
+                offset=list(one.offset),
+                parent=one.parent,
+                heading=one.heading,
+                limits=None if one.limits is None else list(one.limits),
+                name=one.name,
+            )
+            for one in robot.joints
+        ]
+        bodies = [BodyPart(joint=one.joint, outline=_geojson(one.outline)) for one in robot.bodies]
+        on, tool = robot.tool
+        return cls(
+            joints=joints,
+            bodies=bodies,
+            tool_joint=on,
+            tool=list(tool),
+            mobile=robot.mobile,
+            self_collision=robot.self_collision,
+            name=robot.name,
+        )
 
 
 class GoalRule(_Model):
@@ -647,6 +722,13 @@ def file_of(problem: Problem, *, length: str = "m", origin: Sequence[float] = (0
     Raises:
         InvalidInputError: A number beyond what a file may have.
     """
+    robot, task = RobotPart.of(rigid(problem.robot, "problem file")), problem.task
+    return _file(problem, length, origin, robot=robot, start=task.start.tolist(), goal=task.goal.tolist())
+
+
+def _file(problem: Problem, length: str, origin: Sequence[float], **fields: Any) -> ProblemFile:
+    """The model of all of a problem but its robot, start and goal, which ``fields`` may add."""
+    weight, task = problem.rotation_weight, problem.task
     try:
         return ProblemFile(
             format=FORMAT,
@@ -654,15 +736,11 @@ def file_of(problem: Problem, *, length: str = "m", origin: Sequence[float] = (0
             units=Units(length=length),
             origin=[float(v) for v in origin],
             bounds=list(problem.environment.bounds),
-            start=problem.task.start.tolist(),
-            goal=problem.task.goal.tolist(),
-            goal_rule=GoalRule(tolerance=problem.task.tolerance, by_edge=problem.task.by_edge),
-            metric=Metric(
-                rotation_weight=None if problem.rotation_weight is None else float(problem.rotation_weight)
-            ),
-            robot=RobotPart.of(rigid(problem.robot, "problem file")),
+            goal_rule=GoalRule(tolerance=task.tolerance, by_edge=task.by_edge),
+            metric=Metric(rotation_weight=None if weight is None else float(weight)),
             obstacles=[_polygon_part(one) for one in problem.environment.obstacles],
             regions={name: Shape(geojson=_geojson(shape)) for name, shape in problem.regions.items()},
+            **fields,
         )
     except ValidationError as error:
         raise InvalidInputError(_message(error.errors(include_url=False)[0])) from None
@@ -749,10 +827,16 @@ def _content(model: ProblemFile) -> dict[str, Any]:
 def problem_content(problem: Problem) -> dict[str, Any]:
     """What a problem file says of a problem, for other files to hold; `problem_of` makes the same one of it.
 
+    Of a robot with joints, which problem files do not know yet, ``linkage`` says what it is.
+
     Raises:
-        InvalidInputError: A number beyond what a file may have.
+        InvalidInputError: A number beyond what a file may have, or a robot of another kind.
     """
-    return _content(file_of(problem))
+    if not isinstance(problem.robot, Linkage):
+        return _content(file_of(problem))
+    task, linkage = problem.task, LinkagePart.of(problem.robot).model_dump()
+    own = {"start": task.start.tolist(), "goal": task.goal.tolist(), "linkage": linkage}
+    return {**_content(_file(problem, "m", (0.0, 0.0))), **own}
 
 
 def problem_of(content: Any, where: Path) -> Problem:
@@ -765,14 +849,27 @@ def problem_of(content: Any, where: Path) -> Problem:
     Raises:
         InvalidInputError: A field is missing or cannot be used; names file and field.
     """
+    linked = isinstance(content, dict) and "linkage" in content
+    own = ("linkage", "start", "goal") if linked else ()
     try:
-        model = ProblemFile.model_validate(content)
+        model = ProblemFile.model_validate(
+            {k: v for k, v in content.items() if k not in own} if own else content
+        )
+        linkage = LinkagePart.model_validate(content["linkage"]) if linked else None
     except ValidationError as error:
         raise InvalidInputError(f"{where}: {_message(error.errors(include_url=False)[0])}") from None
     if model.map is not None:
         raise InvalidInputError(f"{where}: expected a problem that needs no other file, got one with a map")
     try:
-        return model.problem(where.parent)
+        if linkage is None:
+            return model.problem(where.parent)
+        rule = model.goal_rule
+        task = Task(content.get("start"), content.get("goal"), rule.tolerance, rule.by_edge)
+        regions = {name: part.shape(f"regions.{name}") for name, part in model.regions.items()}
+        environment = model.environment(where.parent)
+        return Problem(
+            linkage.linkage(), environment, task, model.name, regions, model.metric.rotation_weight
+        )
     except InvalidInputError as error:
         raise InvalidInputError(f"{where}: {error}") from None
 

@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
+import importlib
 import math
 from abc import ABC, abstractmethod
 from collections.abc import Callable
-from typing import TYPE_CHECKING, Any, ClassVar
+from typing import TYPE_CHECKING, Any, ClassVar, Final
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,6 +17,10 @@ from guided_gym.errors import InvalidInputError
 if TYPE_CHECKING:
     from guided_gym.search.search import Expansion, Search
     from guided_gym.search.tree import SearchTree
+
+
+# By name: pictures stand above guiding spaces.
+_NOTEBOOK: Final = "guided_gym.display.notebook"
 
 
 class GuidingSpace(ABC):
@@ -42,6 +47,10 @@ class GuidingSpace(ABC):
     def __init__(self, *, temperature: float = 0.0, expansion_penalty: float = 0.1) -> None:
         self.temperature = number("temperature", temperature, least=0)
         self.expansion_penalty = number("expansion_penalty", expansion_penalty, least=0)
+
+    def _repr_html_(self) -> str:
+        """Its options and, once it is prepared, what it sees; for notebooks."""
+        return str(importlib.import_module(_NOTEBOOK).guiding_space_html(self))
 
     def reset(self, search: Search) -> None:
         """Forget the last search and get ready for a new one."""

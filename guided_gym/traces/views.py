@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any, Final
 import numpy as np
 from numpy.typing import NDArray
 
+from guided_gym.geometry.robots import Robot
 from guided_gym.guidance.cells import Uninformed, Voronoi
 
 if TYPE_CHECKING:
@@ -49,13 +50,13 @@ class GuideView:
 
     def first(self) -> Rows:
         """Before the first sample."""
-        if isinstance(self._guide, Voronoi):
-            return [{"view": self._number, "cells": True}]
         drawing = self._drawing()
         if drawing:
             return self._shown(drawing)
-        if isinstance(self._guide, Uninformed) or self._search.space.dimension > 3:
-            return []
+        if isinstance(self._guide, Uninformed) or not isinstance(self._search.problem.robot, Robot):
+            return []  # the coordinates of a robot with joints are no places
+        if isinstance(self._guide, Voronoi):
+            return [{"view": self._number, "cells": True}]
         return [self._field_row(*heuristic_field(self._guide, self._search, FIELD_CELLS))]
 
     def changes(self) -> Rows:

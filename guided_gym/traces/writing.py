@@ -134,13 +134,13 @@ class TraceWriter:
         for view in self._views:
             self._write_all(view.first())
 
-    def chosen(self, node: int) -> None:
-        """A node was selected; the tree has not changed yet."""
+    def chosen(self, node: int | None) -> None:
+        """A node was selected; the tree has not changed yet. None where only `became` will say which."""
         search, guide = self._search, self._guide
-        self._chosen = {"n": int(node)}
+        self._chosen = {"n": node}
         if search.options.rewire:
             self._parents = search.tree.parents.copy()
-        if guide is None:
+        if guide is None or node is None:
             return
         turn = turn_of(guide, self._leaves)
         if turn is not None and len(self._leaves) > 1:
@@ -151,15 +151,25 @@ class TraceWriter:
         if math.isfinite(h):
             self._chosen["h"] = h
 
-    def became(self, expansion: Expansion, efficiency: float = math.nan, best: float = math.nan) -> None:
+    def became(
+        self,
+        expansion: Expansion,
+        efficiency: float = math.nan,
+        best: float = math.nan,
+        guide: int | None = None,
+    ) -> None:
         """What became of the selected node: writes the line of this sample.
 
         Args:
             expansion: The expansion.
             efficiency: SE of the choice (nats); NaN if it was not measured.
             best: The least SE that any choice could have had (nats), likewise.
+            guide: Which of the guides selected, where `chosen` could not tell.
         """
         row = self._chosen
+        row["n"] = int(expansion.node)
+        if guide is not None and len(self._leaves) > 1:
+            row["g"] = guide
         row["x"] = expansion.target.tolist()
         if expansion.contact is not None:
             row["c"] = expansion.contact.tolist()

@@ -8,7 +8,14 @@ import pytest
 from gymnasium.utils.env_checker import check_env
 
 import guided_gym
-from guided_gym import GraphObservation, NodeColumn, node_table
+from guided_gym import (
+    GraphObservation,
+    InvalidInputError,
+    NodeColumn,
+    RecordSearch,
+    node_table,
+    read_trace,
+)
 
 
 @pytest.fixture
@@ -75,3 +82,55 @@ def test_vectors_keep_a_graph_of_each_environment(mode, vector_kwargs):
 def test_other_observations_are_refused():
     with pytest.raises(guided_gym.InvalidInputError, match="default observation"):
         GraphObservation(gymnasium.make("CartPole-v1"))
+
+
+@pytest.mark.parametrize("rewire", [False, True])
+def test_record__the_trace_of_an_episode_is_its_search(env, tmp_path, rewire):
+    env = RecordSearch(gymnasium.make("guided_gym/Cup-v0", max_nodes=64, rewire=rewire), tmp_path)
+    env.reset(seed=3)
+    rewards, over, rng = [], False, np.random.default_rng(0)
+    while not over:
+        action = int(rng.integers(len(env.unwrapped.search.tree)))
+        _, reward, terminated, truncated, _ = env.step(action)
+        rewards.append(reward)
+        over = terminated or truncated
+    trace, tree = read_trace(tmp_path / "episode-000000.jsonl"), env.unwrapped.search.tree
+    assert trace.trouble == "" and len(trace) == env.unwrapped.search.samples
+    again = trace.replay().tree
+    assert np.array_equal(again.parents, tree.parents) and np.array_equal(again.contacts, tree.contacts)
+    assert np.array_equal(again.cost_to_come, tree.cost_to_come)
+    assert [-sample.efficiency for sample in trace.samples] == rewards
+    assert trace.header["seed"] == 3
+
+
+def test_record__episodes_cut_short_invalid_actions_and_every_other_one(env, tmp_path):
+    env = RecordSearch(env, tmp_path, every=2, title="mine")
+    for _ in range(3):
+        env.reset(seed=0)
+        env.step(0)
+        env.step(60)  # there is no such node
+    env.close()
+    assert sorted(file.name for file in tmp_path.iterdir()) == [
+        "episode-000000.jsonl",
+        "episode-000002.jsonl",
+    ]
+    trace = read_trace(tmp_path / "episode-000002.jsonl")
+    assert len(trace) == 1 and "stops after line 2" in trace.trouble and trace.header["title"] == "mine"
+
+
+def test_record__who_guides_is_told(tmp_path):
+    env = RecordSearch(gymnasium.make("guided_gym/GuideSelection-v0"), tmp_path)
+    env.reset(seed=0)
+    for action in (0, 1, 1, 0):
+        env.step(action)
+    env.close()
+    trace = read_trace(tmp_path / "episode-000000.jsonl")
+    assert [sample.guide for sample in trace.samples] == [0, 1, 1, 0]
+    assert trace.header["guides"] == list(env.unwrapped.guides)
+
+
+def test_record__can_be_made_from_its_spec_and_refuses_other_environments(env, tmp_path):
+    again = RecordSearch(env, tmp_path, every=3).spec.make()
+    assert isinstance(again, RecordSearch) and again.every == 3 and again.folder == tmp_path
+    with pytest.raises(InvalidInputError, match="expected an environment that searches"):
+        RecordSearch(gymnasium.make("CartPole-v1"), tmp_path)

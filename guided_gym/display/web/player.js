@@ -57,6 +57,7 @@
       this.speed = 60;
       this.fixedTheme = theme;
       element.classList.add("player");
+      element.classList.toggle("single", traces.length === 1);
       element.replaceChildren();
       this._panels(stages);
       if (chart) this._chart();
@@ -64,8 +65,8 @@
       this._layerBoxes();
       this._legend();
       this._help();
-      if (keys) document.addEventListener("keydown", (event) => this._key(event));
-      else element.addEventListener("keydown", (event) => this._key(event));
+      this._listener = (event) => this._key(event);
+      (keys ? document : element).addEventListener("keydown", this._listener);
       this._resized = new ResizeObserver(() => this._resize());
       this._resized.observe(element);
       this.setTheme(theme || pageTheme());
@@ -84,7 +85,8 @@
         const canvas = make("canvas", { class: "stage", role: "img", tabindex: 0 });
         const [xmin, ymin, xmax, ymax] = trace.scene.bounds, shape = (xmax - xmin) / (ymax - ymin);
         canvas.style.aspectRatio = String(Math.min(3, Math.max(0.7, shape)));
-        canvas.style.maxHeight = height ? `${height}px` : "min(72vh, 900px)";
+        const most = height ? `${height}px` : "min(78vh, 900px)"; // high; and no wider than that needs
+        canvas.style.maxWidth = `calc(${most} * ${Math.min(3, Math.max(0.7, shape))})`;
         const stage = new G.Stage(canvas), readout = make("p", { class: "readout" });
         stage.setTrace(trace, 0);
         stage.onview = (view) => this._sameView(stage, view);
@@ -208,6 +210,13 @@
     draw() {
       this.stages.forEach((stage, i) => { stage.draw(); this._read(i); });
       if (this.curve) { this.curve.sample = this.sample; this.curve.draw(); }
+    }
+
+    /** Stop, and let go of the page. */
+    close() {
+      this.pause();
+      this._resized.disconnect();
+      document.removeEventListener("keydown", this._listener);
     }
 
     play() {

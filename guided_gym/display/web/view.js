@@ -375,6 +375,46 @@
     ctx.closePath();
   }
 
+  const MANY = 3000; // nodes or failures from which on they are drawn pixel by pixel, some ten times as fast
+
+  /** Lines and squares written straight into a canvas's pixels: not smooth, but fast. */
+  class Raster {
+    constructor(ctx) {
+      this.ctx = ctx;
+      this.image = ctx.createImageData(ctx.canvas.width, ctx.canvas.height);
+      this.pixels = new Uint32Array(this.image.data.buffer);
+    }
+
+    static packed(colour, alpha = 1) { // "rgb(r,g,b)" or "#rrggbb", as four bytes
+      const parts = colour[0] === "#" ? [1, 3, 5].map((i) => parseInt(colour.slice(i, i + 2), 16)) : colour.match(/\d+/g).map(Number);
+      return new Uint32Array(new Uint8Array([...parts, Math.round(255 * alpha)]).buffer)[0];
+    }
+
+    /** A line of one pixel's width, or two. */
+    line(x0, y0, x1, y1, colour, wide) {
+      const { pixels } = this, width = this.image.width, height = this.image.height;
+      if ((x0 < 0 && x1 < 0) || (y0 < 0 && y1 < 0) || (x0 >= width && x1 >= width) || (y0 >= height && y1 >= height)) return;
+      let dx = x1 - x0, dy = y1 - y0, from = 0, to = 1; // the part within the picture
+      for (const [p, q] of [[-dx, x0], [dx, width - 1 - x0], [-dy, y0], [dy, height - 1 - y0]]) {
+        if (p === 0) { if (q < 0) return; continue; }
+        if (p < 0) from = Math.max(from, q / p); else to = Math.min(to, q / p);
+      }
+      if (from > to) return;
+      x1 = x0 + to * dx; y1 = y0 + to * dy; x0 += from * dx; y0 += from * dy;
+      dx = x1 - x0; dy = y1 - y0;
+      const steps = Math.max(1, Math.ceil(Math.max(Math.abs(dx), Math.abs(dy)))), sx = dx / steps, sy = dy / steps;
+      const beside = Math.abs(dx) > Math.abs(dy) ? width : 1, last = pixels.length;
+      let x = x0 + 0.5, y = y0 + 0.5;
+      for (let i = 0; i <= steps; i++, x += sx, y += sy) {
+        const at = (y | 0) * width + (x | 0);
+        pixels[at] = colour;
+        if (wide && at + beside < last) pixels[at + beside] = colour;
+      }
+    }
+
+    show() { this.ctx.putImageData(this.image, 0, 0); }
+  }
+
   /** Draws a problem, or a search after some samples, on a canvas that can be zoomed and moved. */
   class Stage {
     constructor(canvas, { theme = "light", layers = {} } = {}) {
@@ -533,11 +573,13 @@
         kept.canvas.width = this.canvas.width; kept.canvas.height = this.canvas.height;
       } else kept.ctx.clearRect(0, 0, kept.canvas.width, kept.canvas.height);
       kept.key = key; kept.count = 0;
+      kept.raster = null;
       return [kept, true];
     }
 
     draw() {
       if (!this.scene) return;
+      this.canvas.style.touchAction = this._zoom === 1 ? "pan-y" : "none"; // a finger still scrolls the page
       const key = this._measure(), ctx = this.canvas.getContext("2d"), trace = this.trace;
       if (!this.canvas.width) return;
       if (trace) this.sample = trace.seek(this.sample);
@@ -633,7 +675,7 @@
 
     _treeLayer(key) {
       const { trace, colours, ratio } = this, n = trace.sizes[this.sample], found = trace.energies();
-      const lowest = found ? found.lowest.toPrecision(6) : "", size = n <= 1500 ? 0 : n <= 6000 ? 1 : 2;
+      const lowest = found ? found.lowest.toPrecision(6) : "", size = n <= 1000 ? 0 : n <= MANY ? 1 : 2;
       const own = `${key} ${lowest} ${trace.version} ${size}`;
       let [kept] = this._kept("tree", own);
       if (kept.count > n) { kept.key = null; [kept] = this._kept("tree", own); }
@@ -648,6 +690,8 @@
       for (let i = 0; i < LEVELS; i++) sizes[i + 1] += sizes[i];
       const starts = sizes.slice(), order = new Uint32Array(count); // by level, the best on top
       for (let i = 0; i < count; i++) order[starts[levels[i]]++] = first + i;
+      kept.count = n;
+      if (size === 2) return this._treePixels(kept, order, levels, first, found);
       const { x, y, parent } = trace, { scale, ox, oy } = this, dots = size < 2, r = (size ? 1.4 : 2.1) * ratio;
       ctx.lineWidth = (size < 2 ? 1.3 : 1) * ratio;
       for (let level = 0; level < LEVELS; level++) {
@@ -670,7 +714,19 @@
         }
         ctx.fill();
       }
-      kept.count = n;
+      return kept.canvas;
+    }
+
+    /** The nodes of `order` (by level) as lines of pixels, for trees of very many. */
+    _treePixels(kept, order, levels, first, found) {
+      const { trace: { x, y, parent }, colours, scale, ox, oy } = this, wide = this.ratio >= 1.5;
+      const palette = found ? colours.levels.map(Raster.packed) : new Array(LEVELS).fill(Raster.packed(colours.ink));
+      kept.raster = kept.raster || new Raster(kept.ctx);
+      for (let i = 0; i < order.length; i++) {
+        const v = order[i], p = parent[v];
+        if (p >= 0) kept.raster.line(ox + x[p] * scale, oy - y[p] * scale, ox + x[v] * scale, oy - y[v] * scale, palette[levels[v - first]], wide);
+      }
+      kept.raster.show();
       return kept.canvas;
     }
 
@@ -679,6 +735,7 @@
       let [kept] = this._kept("failures", key);
       if (kept.count > n) { kept.key = null; [kept] = this._kept("failures", key); }
       const { ctx } = kept, r = 1.6 * ratio;
+      if (n - kept.count > MANY) return this._failurePixels(kept, n, Math.round(r));
       ctx.fillStyle = this.colours.failure;
       ctx.globalAlpha = 0.28;
       for (let i = kept.count; i < n; i++) {
@@ -686,6 +743,25 @@
         ctx.fillRect(x - r, y - r, 2 * r, 2 * r);
       }
       ctx.globalAlpha = 1;
+      kept.count = n;
+      return kept.canvas;
+    }
+
+    /** Many failures at once: the more lie on a pixel, the stronger it is. */
+    _failurePixels(kept, n, r) {
+      const raster = new Raster(kept.ctx), { width, height, data } = raster.image, { fx, fy } = this.trace;
+      const colour = Raster.packed(this.colours.failure);
+      for (let i = 0; i < n; i++) {
+        const cx = Math.round(this.ox + fx[i] * this.scale), cy = Math.round(this.oy - fy[i] * this.scale);
+        for (let y = Math.max(0, cy - r); y < Math.min(height, cy + r); y++) {
+          for (let x = Math.max(0, cx - r); x < Math.min(width, cx + r); x++) {
+            const at = y * width + x, alpha = data[4 * at + 3];
+            raster.pixels[at] = colour;
+            data[4 * at + 3] = alpha + 0.28 * (255 - alpha);
+          }
+        }
+      }
+      raster.show();
       kept.count = n;
       return kept.canvas;
     }
@@ -738,7 +814,8 @@
     _drawPath(ctx) {
       const { trace, colours, ratio } = this, path = trace.path;
       if (!path || path.length < 2 || this.sample < trace.samples) return;
-      const points = path.map((q) => { const [x, y] = trace.kinematics.tip(q); return this.toScreen(x, y); });
+      const bent = trace.scene.robot.bodies.length > 1; // straight in C, not in the workspace
+      const points = (bent ? [path[0], ...this.along(path, 150), path.at(-1)] : path).map((q) => { const [x, y] = trace.kinematics.tip(q); return this.toScreen(x, y); });
       ctx.lineJoin = ctx.lineCap = "round";
       ctx.strokeStyle = colours.path; ctx.globalAlpha = 0.4; ctx.lineWidth = 7 * ratio;
       ctx.beginPath();
@@ -784,7 +861,7 @@
     }
 
     _drawGraph(ctx, { points, edges, weights }) {
-      const { colours, ratio, scale, ox, oy } = this, many = edges.length > 3000;
+      const { colours, ratio, scale, ox, oy } = this, many = edges.length > MANY, raster = many && new Raster(ctx);
       const groups = new Map();
       for (let e = 0; e < edges.length; e++) {
         const w = weights[e], level = w === Infinity ? 9 : w <= 1.0001 ? 0 : Math.min(3, 1 + Math.floor(Math.log(w) / Math.log(3)));
@@ -793,10 +870,18 @@
       }
       for (const [level, members] of [...groups].sort((a, b) => a[0] - b[0])) {
         const removed = level === 9;
+        if (many) {
+          const colour = Raster.packed(removed ? colours.failure : level ? colours.heavy[level - 1] : colours.graph, removed ? 0.26 : level ? 0.6 : 0.4);
+          for (const e of members) {
+            const [a, b] = [points[edges[e][0]], points[edges[e][1]]];
+            raster.line(ox + a[0] * scale, oy - a[1] * scale, ox + b[0] * scale, oy - b[1] * scale, colour, level && !removed);
+          }
+          continue;
+        }
         ctx.strokeStyle = removed ? colours.failure : level ? colours.heavy[level - 1] : colours.graph;
-        ctx.globalAlpha = removed ? 0.35 : level ? 0.9 : many ? 0.3 : 0.65;
-        ctx.lineWidth = (removed ? 0.6 : level ? 1 + 0.5 * level : many ? 0.7 : 1.4) * ratio;
-        ctx.setLineDash(removed && !many ? [2 * ratio, 3 * ratio] : []);
+        ctx.globalAlpha = removed ? 0.35 : level ? 0.9 : 0.65;
+        ctx.lineWidth = (removed ? 0.6 : level ? 1 + 0.5 * level : 1.4) * ratio;
+        ctx.setLineDash(removed ? [2 * ratio, 3 * ratio] : []);
         ctx.beginPath();
         for (const e of members) {
           const [a, b] = edges[e];
@@ -806,6 +891,7 @@
         ctx.stroke();
       }
       ctx.setLineDash([]); ctx.globalAlpha = 1;
+      if (many) raster.show();
     }
 
     _drawImage(ctx, { image, bounds, smooth }) {
@@ -848,44 +934,55 @@
       return image;
     }
 
-    /** The workspace's cells around the nodes, the darker the larger, by jump flooding. */
+    /** The workspace's cells around the nodes, the darker the larger. Each new node takes its cell from the
+     * others, pixel by pixel from its own place outwards. */
     _cells() {
-      const bounds = this.scene.bounds, [xmin, ymin, xmax, ymax] = bounds, side = 320;
-      const cell = Math.max(xmax - xmin, ymax - ymin) / side;
-      const columns = Math.max(1, Math.round((xmax - xmin) / cell)), rows = Math.max(1, Math.round((ymax - ymin) / cell));
-      const { x, y } = this.trace, n = this.trace.sizes[this.sample];
-      let owner = new Int32Array(rows * columns).fill(-1);
-      const px = new Float32Array(n), py = new Float32Array(n);
-      for (let v = 0; v < n; v++) {
-        px[v] = ((x[v] - xmin) / (xmax - xmin)) * columns - 0.5; py[v] = ((y[v] - ymin) / (ymax - ymin)) * rows - 0.5;
-        const c = Math.min(columns - 1, Math.max(0, Math.round(px[v]))), r = Math.min(rows - 1, Math.max(0, Math.round(py[v])));
-        owner[r * columns + c] = v;
+      const bounds = this.scene.bounds, [xmin, ymin, xmax, ymax] = bounds, n = this.trace.sizes[this.sample];
+      let grid = this._caches.cells;
+      if (!grid) {
+        const cell = Math.max(xmax - xmin, ymax - ymin) / 280, columns = Math.max(1, Math.round((xmax - xmin) / cell));
+        const rows = Math.max(1, Math.round((ymax - ymin) / cell)), size = rows * columns;
+        grid = this._caches.cells = { count: 0, rows, columns, owner: new Int32Array(size).fill(-1),
+          room: new Float32Array(size).fill(Infinity), seen: new Int32Array(size).fill(-1), areas: [], stack: new Int32Array(size), log: [], starts: [], stamp: 0 };
       }
-      for (let jump = 256; jump >= 1; jump >>= 1) {
-        const next = owner.slice();
-        for (let r = 0; r < rows; r++) for (let c = 0; c < columns; c++) {
-          const i = r * columns + c;
-          let best = next[i], least = best < 0 ? Infinity : (px[best] - c) ** 2 + (py[best] - r) ** 2;
-          for (let dr = -jump; dr <= jump; dr += jump) for (let dc = -jump; dc <= jump; dc += jump) {
-            const rr = r + dr, cc = c + dc;
-            if (rr < 0 || cc < 0 || rr >= rows || cc >= columns) continue;
-            const v = owner[rr * columns + cc];
-            if (v < 0 || v === best) continue;
-            const square = (px[v] - c) ** 2 + (py[v] - r) ** 2;
-            if (square < least) { least = square; best = v; }
-          }
-          next[i] = best;
-        }
-        owner = next;
-      }
-      const areas = new Float64Array(n);
-      for (const v of owner) if (v >= 0) areas[v] += 1;
-      let most = 1;
-      for (const area of areas) most = Math.max(most, area);
+      while (grid.count > n) this._giveCellBack(grid, --grid.count);
+      for (; grid.count < n; grid.count++) this._takeCell(grid, grid.count);
+      const { rows, columns, owner, areas } = grid, most = Math.max(1, areas.reduce((a, b) => Math.max(a, b), 1));
       return { bounds, smooth: true, image: this._shaded(rows, columns, (i) => {
         const v = owner[i], right = (i + 1) % columns ? owner[i + 1] : v, above = i + columns < owner.length ? owner[i + columns] : v;
         return v < 0 ? 0 : v !== right || v !== above ? 0.5 : 0.03 + 0.4 * (areas[v] / most);
       }) };
+    }
+
+    _giveCellBack({ owner, room, areas, log, starts }, v) {
+      while (log.length > starts[v]) {
+        const before = log.pop(), square = log.pop(), at = log.pop();
+        owner[at] = before; room[at] = square;
+        if (before >= 0) areas[before] += 1;
+      }
+      areas.length = v;
+    }
+
+    _takeCell(grid, v) {
+      const { rows, columns, owner, room, seen, areas, stack, log, starts } = grid, stamp = grid.stamp++;
+      const [xmin, ymin, xmax, ymax] = this.scene.bounds;
+      const px = ((this.trace.x[v] - xmin) / (xmax - xmin)) * columns - 0.5, py = ((this.trace.y[v] - ymin) / (ymax - ymin)) * rows - 0.5;
+      const first = Math.min(rows - 1, Math.max(0, Math.round(py))) * columns + Math.min(columns - 1, Math.max(0, Math.round(px)));
+      let top = 0;
+      areas[v] = 0; starts[v] = log.length;
+      stack[top++] = first; seen[first] = stamp;
+      while (top) {
+        const at = stack[--top], c = at % columns, r = (at - c) / columns, square = (px - c) ** 2 + (py - r) ** 2;
+        if (square >= room[at]) continue;
+        log.push(at, room[at], owner[at]);
+        room[at] = square;
+        if (owner[at] >= 0) areas[owner[at]] -= 1;
+        owner[at] = v; areas[v] += 1;
+        if (c > 0 && seen[at - 1] !== stamp) { seen[at - 1] = stamp; stack[top++] = at - 1; }
+        if (c + 1 < columns && seen[at + 1] !== stamp) { seen[at + 1] = stamp; stack[top++] = at + 1; }
+        if (r > 0 && seen[at - columns] !== stamp) { seen[at - columns] = stamp; stack[top++] = at - columns; }
+        if (r + 1 < rows && seen[at + columns] !== stamp) { seen[at + columns] = stamp; stack[top++] = at + columns; }
+      }
     }
   }
 

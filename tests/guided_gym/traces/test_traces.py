@@ -10,14 +10,18 @@ from typing import Any
 
 import numpy as np
 import pytest
+from shapely.geometry import box
 
 from guided_gym import (
+    Environment,
     InvalidInputError,
+    Linkage,
     Problem,
     SearchOptions,
     SearchResult,
     SearchTree,
     StorageError,
+    Task,
     guided_search,
     make_distribution,
     make_guidance,
@@ -143,6 +147,21 @@ def test_trace__of_what_is_told_line_by_line(problem: Problem) -> None:
     buffer = io.StringIO()
     guided_search(problem, "medial_axis", seed=0, max_samples=30, trace=buffer)
     assert buffer.getvalue() == "".join(calls)
+
+
+def test_trace__of_an_arm(tmp_path: Path) -> None:
+    arm = Linkage.arm([1.0, 0.8, 0.6], 0.1, base=(5, 5), limits=[(-3.0, 3.0), None, 2.5], name="<arm>")
+    room = Environment((0, 0, 10, 10), (box(6.5, 5.6, 9, 6.2),))
+    problem = Problem(arm, room, Task([-1.2, 0.3, 0.2], [1.3, 0.4, -0.3]), "arm", {"left": box(0, 0, 5, 10)})
+    result = traced(problem, "rrt", tmp_path / "trace.jsonl", measure=False)
+    trace = read_trace(tmp_path / "trace.jsonl")
+    assert trace.problem.fingerprint == problem.fingerprint and trace.problem.robot.name == "<arm>"
+    assert same(trace.replay().tree, result.tree)
+    header = rows(tmp_path / "trace.jsonl")[0]
+    header["problem"]["linkage"]["joints"][2]["parent"] = 7
+    (tmp_path / "bad.jsonl").write_text(json.dumps(header) + "\n", encoding="utf-8")
+    with pytest.raises(InvalidInputError, match="expected a parent before it"):
+        _ = read_trace(tmp_path / "bad.jsonl").problem
 
 
 @pytest.mark.parametrize("cut", [1, 7, 40])
