@@ -26,11 +26,13 @@ class ProblemDistribution(ABC):
         name: What tables, databases and figures call it.
         fixed: True when every seed gives one and the same problem.
         summary: One line for lists of problems.
+        angles: How many angles its robots have at most: observations have columns for as many.
     """
 
     name: str
     fixed: bool = False
     summary: str = ""
+    angles: int = 1
 
     @abstractmethod
     def sample(self, rng: np.random.Generator) -> Problem:
@@ -82,6 +84,7 @@ class FixedProblem(ProblemDistribution):
     def __init__(self, problem: Problem, summary: str = "") -> None:
         self.name = problem.name
         self.summary = summary
+        self.angles = max(1, sum(name not in ("x", "y") for name in problem.robot.names))
         self._problem = problem
 
     def sample(self, rng: np.random.Generator) -> Problem:
@@ -121,9 +124,16 @@ class ProblemList(ProblemDistribution):
 class SampledProblems(ProblemDistribution):
     """A distribution given by a function from a random generator to a problem."""
 
-    def __init__(self, name: str, draw: Callable[[np.random.Generator], Problem], summary: str = "") -> None:
+    def __init__(
+        self,
+        name: str,
+        draw: Callable[[np.random.Generator], Problem],
+        summary: str = "",
+        angles: int = 1,
+    ) -> None:
         self.name = name
         self.summary = summary
+        self.angles = angles
         self._draw = draw
 
     def sample(self, rng: np.random.Generator) -> Problem:
