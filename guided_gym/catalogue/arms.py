@@ -1,4 +1,4 @@
-"""Robots with joints: planar arms among obstacles (paper, Figure 1), and a snake in the mazes of NEXT."""
+"""Robots with joints: planar arms among obstacles (paper, Figure 1)."""
 
 from __future__ import annotations
 
@@ -9,14 +9,6 @@ import numpy as np
 from numpy.typing import NDArray
 from shapely.geometry import Point, Polygon, box
 
-from guided_gym.catalogue.grids import way
-from guided_gym.catalogue.mazes import (
-    HARD_APART,
-    HARD_OBSTACLES,
-    LATTICE,
-    carved_lattice,
-    lattice_environment,
-)
 from guided_gym.catalogue.placement import free_pose
 from guided_gym.errors import NoPathError
 from guided_gym.geometry.environment import Environment
@@ -34,8 +26,6 @@ OBSTACLES: Final = (12, 20)
 CORNERS: Final = (3, 6)
 RADII: Final = (0.25, 0.8)
 TRIES: Final = 200
-SNAKE: Final = (5, 0.09, 0.02)  # links, their length and width: three cells and a half of a maze
-SNAKE_BEND: Final = 2.5
 
 Array = NDArray[np.float64]
 
@@ -116,42 +106,3 @@ def _polygons(rng: np.random.Generator) -> tuple[Polygon, ...]:
             found.append(polygon)
     inside = box(0.0, 0.0, SIZE, SIZE)
     return tuple(polygon for polygon in found if polygon.intersection(inside).area > 0.0)
-
-
-def snake() -> Linkage:
-    """The snake: five links, (x, y) of its head, the head's heading and four joints."""
-    links, length, width = SNAKE
-    return Linkage.snake([length] * links, width, limits=SNAKE_BEND, self_collision=True)
-
-
-def snake_7(rng: np.random.Generator) -> Problem:
-    """A snake of five links, seven coordinates, in a 15 x 15 lattice like the hard ones of NEXT."""
-    robot = snake()
-    for _ in range(TRIES):
-        walls = carved_lattice(rng, HARD_OBSTACLES)
-        environment = lattice_environment(walls)
-        space = ConfigurationSpace(robot, environment)
-        try:
-            start, goal = _curled(space, rng), _curled(space, rng)
-        except NoPathError:
-            continue
-        cells = [_cell(q) for q in (start, goal)]
-        if len(way(walls, *cells)) >= HARD_APART and not space.motion_free(start, goal):
-            return Problem(robot, environment, Task(start, goal), "Snake7")
-    raise NoPathError(f"Snake7: expected free configurations, got none in {TRIES} draws")
-
-
-def _curled(space: ConfigurationSpace, rng: np.random.Generator) -> Array:
-    """A free configuration: of many, whose joints bend as they like."""
-    for _ in range(64):
-        poses = space.sample(rng, 256)
-        free = np.flatnonzero(space.valid(poses))
-        if free.size:
-            chosen: Array = poses[free[0]]
-            return chosen
-    raise NoPathError("Snake7: expected a free configuration, got none")
-
-
-def _cell(q: Array) -> tuple[int, int]:
-    i, j = ((q[:2] + 1.0) * (LATTICE / 2)).astype(int).tolist()
-    return i, j

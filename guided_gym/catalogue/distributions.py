@@ -10,11 +10,14 @@ import numpy as np
 
 from guided_gym.checks import integer
 from guided_gym.errors import NoPathError
+from guided_gym.geometry.robots import Robot
 from guided_gym.measure.oracle import oracle_for
+from guided_gym.options import OracleOptions
 from guided_gym.problems import Problem
 from guided_gym.randomness import streams
 
 TRIES: Final = 100
+ROADMAP: Final = 2500  # vertices of the roadmap that says whether a robot with joints has a path
 
 
 class ProblemDistribution(ABC):
@@ -57,7 +60,7 @@ class ProblemDistribution(ABC):
             if problem.begins_solved:
                 continue
             try:
-                oracle_for(problem.space, problem.task.goal, start=problem.task.start)
+                oracle_for(problem.space, problem.task.goal, problem.task.start, _path_check(problem))
             except NoPathError as error:
                 cause = error
                 continue
@@ -74,6 +77,11 @@ class ProblemDistribution(ABC):
             NoPathError: No problem with a path could be drawn.
         """
         return self.draw(streams(integer("seed", seed, least=0))[0], tolerance, by_edge)
+
+
+def _path_check(problem: Problem) -> OracleOptions | None:
+    """By which oracle a problem is drawn: the one that measures it, if that is quick to have."""
+    return None if isinstance(problem.robot, Robot) else OracleOptions(resolution=(ROADMAP,))
 
 
 class FixedProblem(ProblemDistribution):

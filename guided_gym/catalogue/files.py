@@ -39,6 +39,8 @@ from guided_gym.catalogue.maps import (
 )
 from guided_gym.errors import InvalidInputError, StorageError
 from guided_gym.geometry.environment import Environment
+from guided_gym.geometry.linkages import Body, Joint, Linkage
+from guided_gym.geometry.mechanism import Mechanism
 from guided_gym.geometry.robots import Robot, rigid
 from guided_gym.geometry.space import ConfigurationSpace
 from guided_gym.guidance.learned.weights import write_atomically
@@ -55,7 +57,7 @@ Number = Annotated[float, Field(allow_inf_nan=False, ge=-1e12, le=1e12)]
 Size = Annotated[float, Field(allow_inf_nan=False, gt=0, le=1e12)]
 Pair = Annotated[list[Number], Field(min_length=2, max_length=2)]
 Ring = Annotated[list[Pair], Field(min_length=3)]
-Vector = Annotated[list[Number], Field(min_length=2, max_length=3)]
+Vector = Annotated[list[Number], Field(min_length=1, max_length=1000)]
 Box = Annotated[list[Number], Field(min_length=4, max_length=4)]
 Text = Annotated[str, Field(max_length=10_000)]
 
@@ -135,43 +137,84 @@ def _from_wkt(place: str, text: str) -> shapely.Geometry:
     return shape
 
 
+class JointPart(_Model):
+    """A joint of a linkage; see `Joint`."""
+
+    name: Text = ""
+    parent: Annotated[int, Field(ge=-1)] = -1
+    offset: Pair = [0.0, 0.0]
+    heading: Number = 0.0
+    limits: Pair | None = None
+
+
+class BodyPart(_Model):
+    """A body on a joint of a linkage; see `Body`."""
+
+    joint: Annotated[int, Field(ge=0)]
+    outline: dict[str, Any]
+
+
 class RobotPart(_Model):
     """A robot.
 
     Attributes:
-        kind: ``point``, ``segment`` (length), ``rectangle`` (length, width), ``polygon`` (corners) or
-            ``outline`` (any GeoJSON Point, LineString or Polygon).
+        kind: ``point``, ``segment`` (length), ``rectangle`` (length, width), ``polygon`` (corners),
+            ``outline`` (any GeoJSON Point, LineString or Polygon) or ``linkage`` (joints, bodies, tool).
         length: Along the body's x axis.
         width: Across it.
         corners: Of a polygon, in the body frame.
         outline: GeoJSON geometry in the body frame.
-        dimension: 2 (translates only) or 3 (turns too).
+        joints: Of a linkage, parents first; angles in radians.
+        bodies: Of a linkage.
+        tool: Of a linkage: x, y in the frame of the joint ``tool_joint``.
+        tool_joint: The last joint by default.
+        mobile: Whether a linkage's base moves.
+        self_collision: Whether a linkage's bodies must keep off each other.
+        dimension: 2 (translates only) or 3 (turns too); a linkage has as many as its joints say.
         name: For people.
     """
 
-    kind: Literal["point", "segment", "rectangle", "polygon", "outline"]
+    kind: Literal["point", "segment", "rectangle", "polygon", "outline", "linkage"]
     length: Size | None = None
     width: Size | None = None
     corners: Ring | None = None
     outline: dict[str, Any] | None = None
+    joints: Annotated[list[JointPart], Field(min_length=1, max_length=1000)] | None = None
+    bodies: Annotated[list[BodyPart], Field(min_length=1, max_length=1000)] | None = None
+    tool: Pair | None = None
+    tool_joint: Annotated[int, Field(ge=0)] | None = None
+    mobile: bool | None = None
+    self_collision: bool | None = None
     dimension: Literal[2, 3] | None = None
     name: Text | None = None
 
     @model_validator(mode="after")
     def _fields_of_kind(self) -> RobotPart:
         wanted = _ROBOT_FIELDS[self.kind]
-        for name in ("length", "width", "corners", "outline"):
+        for name in ("length", "width", "corners", "outline", "joints", "bodies", "tool"):
             if (getattr(self, name) is not None) != (name in wanted):
                 what = "needs" if name in wanted else "takes no"
                 raise ValueError(f"a robot of kind {self.kind!r} {what} {name}")
+        for name in ("tool_joint", "mobile", "self_collision"):
+            if getattr(self, name) is not None and self.kind != "linkage":
+                raise ValueError(f"a robot of kind {self.kind!r} takes no {name}")
+        if self.kind == "linkage" and self.dimension is not None:
+            raise ValueError("a robot of kind 'linkage' takes no dimension")
         return self
 
-    def robot(self) -> Robot:
+    @property
+    def first_angle(self) -> int:
+        """The first of the coordinates of a configuration that are angles."""
+        return 0 if self.kind == "linkage" and not self.mobile else 2
+
+    def robot(self) -> Mechanism:
         """The robot.
 
         Raises:
             InvalidInputError: An outline that cannot be one.
         """
+        if self.kind == "linkage":
+            return self._linkage()
         if self.kind == "point":
             made = Robot.point()
         elif self.kind == "segment":
@@ -185,10 +228,65 @@ class RobotPart(_Model):
         dimension = made.dimension if self.dimension is None else self.dimension
         return Robot(made.outline, dimension, made.name if self.name is None else self.name)
 
+    def _linkage(self) -> Linkage:
+        joints = self.joints or []
+        last = len(joints) - 1 if self.tool_joint is None else self.tool_joint
+        x, y = self.tool or (0.0, 0.0)
+        return Linkage(
+            tuple(
+                Joint(
+                    (joint.offset[0], joint.offset[1]),
+                    joint.parent,
+                    joint.heading,
+                    None if joint.limits is None else (joint.limits[0], joint.limits[1]),
+                    joint.name,
+                )
+                for joint in joints
+            ),
+            tuple(
+                Body(body.joint, geojson_shape(f"robot.bodies[{k}]", body.outline))
+                for k, body in enumerate(self.bodies or [])
+            ),
+            (last, (x, y)),
+            bool(self.mobile),
+            bool(self.self_collision),
+            "linkage" if self.name is None else self.name,
+        )
+
     @classmethod
-    def of(cls, robot: Robot) -> RobotPart:
-        """The shortest form from which the same robot comes back."""
-        outline = robot.outline
+    def _of_linkage(cls, robot: Linkage) -> RobotPart:
+        return cls.model_validate(
+            {
+                "kind": "linkage",
+                "name": robot.name,
+                "joints": [
+                    {
+                        "name": joint.name,
+                        "parent": joint.parent,
+                        "offset": list(joint.offset),
+                        "heading": joint.heading,
+                        "limits": None if joint.limits is None else list(joint.limits),
+                    }
+                    for joint in robot.joints
+                ],
+                "bodies": [{"joint": body.joint, "outline": _geojson(body.outline)} for body in robot.bodies],
+                "tool_joint": robot.tool[0],
+                "tool": list(robot.tool[1]),
+                "mobile": robot.mobile,
+                "self_collision": robot.self_collision,
+            }
+        )
+
+    @classmethod
+    def of(cls, robot: Mechanism) -> RobotPart:
+        """The shortest form from which the same robot comes back.
+
+        Raises:
+            InvalidInputError: A robot that a file cannot say.
+        """
+        if isinstance(robot, Linkage):
+            return cls._of_linkage(robot)
+        outline = rigid(robot, "problem file").outline
         forms: list[dict[str, Any]] = []
         if isinstance(outline, shapely.Point):
             forms.append({"kind": "point"})
@@ -203,7 +301,8 @@ class RobotPart(_Model):
         for form in forms:
             part = cls.model_validate({**form, "dimension": robot.dimension, "name": robot.name})
             try:
-                same = shapely.to_wkb(part.robot().outline) == shapely.to_wkb(outline)
+                again = rigid(part.robot(), "problem file")
+                same = shapely.to_wkb(again.outline) == shapely.to_wkb(outline)
             except InvalidInputError:
                 continue
             if same:
@@ -217,6 +316,7 @@ _ROBOT_FIELDS: Final[dict[str, tuple[str, ...]]] = {
     "rectangle": ("length", "width"),
     "polygon": ("corners",),
     "outline": ("outline",),
+    "linkage": ("joints", "bodies", "tool"),
 }
 
 
@@ -299,13 +399,17 @@ class ProblemFile(_Model):
         most = _FULL_TURN if self.units.angle == "rad" else 360.0
         for name in ("start", "goal"):
             q = getattr(self, name)
-            if q is not None and len(q) == 3 and abs(q[2]) > most:
+            if q is not None and self._rigid and len(q) == 3 and abs(q[2]) > most:
                 hint = " (degrees? units.angle = 'deg' says so)" if self.units.angle == "rad" else ""
                 raise ValueError(
                     f"{name}: expected a heading of -{most:.6g} to {most:.6g} {self.units.angle}, "
                     f"got {q[2]:g}{hint}"
                 )
         return self
+
+    @property
+    def _rigid(self) -> bool:
+        return self.robot is None or self.robot.kind != "linkage"
 
     def configuration(self, name: str) -> list[float]:
         """The start or goal, its heading in radians.
@@ -316,8 +420,10 @@ class ProblemFile(_Model):
         q: list[float] | None = getattr(self, name)
         if q is None:
             raise InvalidInputError(f"{name}: expected this field of a problem, got none")
-        turns = self.units.angle == "deg" and len(q) == 3
-        return [*q[:2], math.radians(q[2])] if turns else list(q)
+        if self.units.angle == "rad":
+            return list(q)
+        first = 2 if self.robot is None else self.robot.first_angle
+        return [*q[:first], *map(math.radians, q[first:])]
 
     def environment(self, folder: Path) -> Environment:
         """The workspace; a map is looked for in ``folder``.
@@ -361,7 +467,7 @@ class ProblemFile(_Model):
         regions = {name: part.shape(f"regions.{name}") for name, part in self.regions.items()}
         return Problem(robot, environment, task, self.name, regions, self.metric.rotation_weight)
 
-    def _check_poses(self, robot: Robot, environment: Environment) -> None:
+    def _check_poses(self, robot: Mechanism, environment: Environment) -> None:
         space = ConfigurationSpace(robot, environment, self.metric.rotation_weight)
         names = self.obstacle_names()
         for label in ("start", "goal"):
@@ -648,7 +754,7 @@ def file_of(problem: Problem, *, length: str = "m", origin: Sequence[float] = (0
             metric=Metric(
                 rotation_weight=None if problem.rotation_weight is None else float(problem.rotation_weight)
             ),
-            robot=RobotPart.of(rigid(problem.robot, "problem file")),
+            robot=RobotPart.of(problem.robot),
             obstacles=[_polygon_part(one) for one in problem.environment.obstacles],
             regions={name: Shape(geojson=_geojson(shape)) for name, shape in problem.regions.items()},
         )
@@ -659,7 +765,7 @@ def file_of(problem: Problem, *, length: str = "m", origin: Sequence[float] = (0
 def map_file(
     source: Path,
     environment: Environment,
-    robot: Robot | None,
+    robot: Mechanism | None,
     poses: Mapping[str, Sequence[float]],
     rotation_weight: float | None = None,
 ) -> ProblemFile:

@@ -174,16 +174,6 @@ def lattice_mazes(robot: str, obstacles: tuple[int, int], name: str = "LatticeMa
     return SampledProblems(name, draw, f"15 x 15 lattices, {obstacles[0]} to {obstacles[1]} obstacle cells")
 
 
-def carved_lattice(rng: np.random.Generator, obstacles: tuple[int, int]) -> Cells:
-    """(15, 15) walls: a perfect maze without some of them, so that a number in a range is left."""
-    walls = carved(rng, LATTICE // 2, LATTICE // 2, newest=rng.random())
-    keep = int(rng.integers(obstacles[0], obstacles[1] + 1))
-    inner = np.argwhere(walls[1:-1, 1:-1]) + 1
-    gone = rng.permutation(len(inner))[: MOST_OBSTACLES - keep]
-    walls[tuple(inner[gone].T)] = False
-    return walls
-
-
 def lattice_maze(
     rng: np.random.Generator, robot: str, obstacles: tuple[int, int], name: str, apart: int = 0
 ) -> Problem:
@@ -191,7 +181,11 @@ def lattice_maze(
 
     With ``apart``, start and goal do not see each other and their way leads through as many cells or more.
     """
-    walls = carved_lattice(rng, obstacles)
+    walls = carved(rng, LATTICE // 2, LATTICE // 2, newest=rng.random())
+    keep = int(rng.integers(obstacles[0], obstacles[1] + 1))
+    inner = np.argwhere(walls[1:-1, 1:-1]) + 1
+    gone = rng.permutation(len(inner))[: MOST_OBSTACLES - keep]
+    walls[tuple(inner[gone].T)] = False
     environment, body = lattice_environment(walls), lattice_robot(robot)
     space = ConfigurationSpace(body, environment, STICK_WEIGHT if body.dimension == 3 else None)
     start, goal = free_pose(space, rng), free_pose(space, rng)

@@ -123,7 +123,6 @@ _CATALOGUE: dict[str, Callable[[], ProblemDistribution]] = {
     "PlanarArm7": _fixed(arms.planar_arm_7),
     "RandomPlanarArm4": _drawn("RandomPlanarArm4", arms.random_planar_arm_4, angles=4),
     "RandomPlanarArm7": _drawn("RandomPlanarArm7", arms.random_planar_arm_7, angles=7),
-    "Snake7": _drawn("Snake7", arms.snake_7, angles=5),
 }
 
 # Known by name but not listed: they need files that do not come with the package.

@@ -229,6 +229,11 @@ class Linkage(Mechanism):
         return float(max(self.reaches[k] + offset for k, offset in zip(roots, offsets, strict=True)))
 
     @property
+    def size(self) -> float:
+        """Its reach: a path of an arm is some times as long."""
+        return self.radius
+
+    @property
     def names(self) -> tuple[str, ...]:
         """X and y of a base that moves, and the joints' names."""
         base = ("x", "y") if self.mobile else ()
