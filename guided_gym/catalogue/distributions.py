@@ -17,7 +17,7 @@ from guided_gym.problems import Problem
 from guided_gym.randomness import streams
 
 TRIES: Final = 100
-ROADMAP: Final = 2500  # vertices of the roadmap that says whether a robot with joints has a path
+ROADMAP: Final = 1000  # vertices of the roadmap that says whether a robot with joints has a path
 
 
 class ProblemDistribution(ABC):

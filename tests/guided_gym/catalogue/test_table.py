@@ -61,7 +61,7 @@ def test_distribution__is_one_problem_per_seed(name: str) -> None:
 def test_problem__has_a_path(name: str) -> None:
     problem = make_distribution(name).problem(0)
     space, task = problem.space, problem.task
-    quick = None if isinstance(problem.robot, Robot) else OracleOptions(resolution=(2500,))
+    quick = None if isinstance(problem.robot, Robot) else OracleOptions(resolution=(1000,))
     optimum = oracle_for(space, task.goal, task.start, quick).cost_to_go(task.start)
     assert np.isfinite(optimum)
     if name in FIXED:  # and not the straight one
