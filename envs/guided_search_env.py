@@ -96,8 +96,9 @@ class GuidedSearchEnv(gymnasium.Env[Observation, Action]):
     Observation space:
         A flat ``Dict`` of padded arrays, see `guided_gym.envs.observations.TreeObservation`; or what
         ``observe`` gives. A PPO buffer over it takes
-        ``environments * steps * (max_nodes * (4 * F + 9) + raster**2 + 64)`` bytes, F = 14 features: 341 MB
-        for 8 environments x 2,048 steps at the defaults (`guided_gym.envs.observations.rollout_bytes`).
+        ``environments * steps * (max_nodes * (4 * F + 9) + raster**2 + 64)`` bytes, F = 14 features (10 + 4 n
+        for a robot of n angles): 341 MB for 8 environments x 2,048 steps at the defaults
+        (`guided_gym.envs.observations.rollout_bytes`).
 
     Rewards:
         ``reward="efficiency"``: -SE, which is -D_KL(P || Q) against the smoothed target Q on the tree as it
@@ -215,7 +216,7 @@ class GuidedSearchEnv(gymnasium.Env[Observation, Action]):
         self.render_mode = render_mode
         self.reward = make_reward(reward)
         self._raises = on_invalid == "raise"
-        self.observer = _own_observer(observe, raster)
+        self.observer = _own_observer(observe, raster, self.distribution.angles)
         self._observed: spaces.Space[Any] = self.observer.build(self.max_nodes, self.max_samples)
         self.action_space = cast("spaces.Space[Action]", _action_space(action, self.max_nodes))
         self._search: Search | None = None
@@ -561,10 +562,10 @@ def _checked_target(target: TargetParameters, max_nodes: int) -> TargetParameter
     return target
 
 
-def _own_observer(observe: Observer | None, raster: int) -> Observer:
+def _own_observer(observe: Observer | None, raster: int, angles: int) -> Observer:
     """The observer of one environment: a copy, since ``gym.make_vec`` gives all of them the same one."""
     if observe is None:
-        return TreeObservation(raster)
+        return TreeObservation(raster, angles)
     for method in ("build", "reset", "update", "extract"):
         if not callable(getattr(observe, method, None)):
             raise InvalidInputError(f"observe: expected an object with a method {method}, got {observe!r}")

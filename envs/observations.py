@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 from guided_gym.checks import affordable, integer
 from guided_gym.errors import InvalidInputError, warn
 from guided_gym.geometry.environment import Environment
+from guided_gym.geometry.mechanism import Mechanism
 from guided_gym.kernels import observe as kernel
 from guided_gym.search.search import Expansion, Search
 from guided_gym.search.tree import NO_PARENT
@@ -23,7 +24,7 @@ Observation = dict[str, NDArray[Any]]
 
 
 class NodeColumn(IntEnum):
-    """Columns of the node features.
+    """Columns of the node features of a robot with at most one angle; `node_columns` names those of others.
 
     "Unit" is the diameter of C: the distance between two corners of the bounds half a turn apart.
     """
@@ -45,11 +46,40 @@ class NodeColumn(IntEnum):
 
 
 COLUMNS: Final = len(NodeColumn)
+_TAIL: Final = COLUMNS - NodeColumn.GOAL_DISTANCE
 MAX_COST: Final = 4.0
 SMALLEST_IMAGE: Final = 36  # below it, NatureCNN's convolutions leave nothing
-# Bounds of each column: signed up to GOAL_SIN, then not.
-_LOW: Final = np.where(np.arange(COLUMNS) <= NodeColumn.GOAL_SIN, -1, 0).astype(np.float32)
-_HIGH: Final = np.where(np.arange(COLUMNS) == NodeColumn.COST_TO_COME, MAX_COST, 1).astype(np.float32)
+
+
+def columns_of(angles: int) -> int:
+    """Number of the node features, F, where there is room for so many angles; 14 for one."""
+    return COLUMNS + 4 * (angles - 1)
+
+
+def node_columns(angles: int) -> tuple[str, ...]:
+    """Names of the node features where there is room for so many angles (at least one).
+
+    X and Y are of the reference point, or of an arm's tool; COS_k and SIN_k of angle k, from the base on, and
+    1 and 0 where a robot has fewer angles. With one angle they are those of `NodeColumn`.
+    """
+    if angles == 1:
+        return tuple(column.name for column in NodeColumn)
+    turns = [f"{name}_{k}" for k in range(1, angles + 1) for name in ("COS", "SIN")]
+    tail = [column.name for column in NodeColumn][-_TAIL:]
+    return ("X", "Y", *turns, "GOAL_X", "GOAL_Y", *(f"GOAL_{name}" for name in turns), *tail)
+
+
+def _column_bounds(angles: int) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
+    """Bounds of each column: signed up to those of the goal, then not."""
+    names = np.array(node_columns(angles))
+    low = np.where(np.arange(names.size) < names.size - _TAIL, -1, 0).astype(np.float32)
+    high = np.where(names == "COST_TO_COME", MAX_COST, 1).astype(np.float32)
+    return low, high
+
+
+def angles_of(robot: Mechanism) -> int:
+    """How many of a robot's coordinates are angles."""
+    return sum(name not in ("x", "y") for name in robot.names)
 
 
 class Observer(Protocol):
@@ -81,9 +111,9 @@ def node_table(observation: Mapping[str, NDArray[Any]], columns: int = COLUMNS) 
     return nodes.reshape(*nodes.shape[:-1], -1, columns)
 
 
-def node_bytes(max_nodes: int) -> int:
+def node_bytes(max_nodes: int, angles: int = 1) -> int:
     """Bytes of an observation of that many nodes, the raster apart: features, parent and mask of each."""
-    return max_nodes * (4 * COLUMNS + 5)
+    return max_nodes * (4 * columns_of(angles) + 5)
 
 
 def rollout_bytes(max_nodes: int = 256, raster: int = 64, environments: int = 8, steps: int = 2048) -> int:
@@ -105,26 +135,32 @@ class TreeObservation:
     key           shape, dtype                content
     ============  ==========================  ========================================================
     nodes         (max_nodes * F,) float32    features of node i at ``[i * F + column]``, columns as in
-                                              `NodeColumn`, zeros beyond the tree; `node_table` gives
+                                              `node_columns`, zeros beyond the tree; `node_table` gives
                                               (max_nodes, F)
     parents       (max_nodes,) int32          parent of each node, -1 at the root and beyond the tree
     action_mask   (max_nodes,) int8           1 for the nodes that may be expanded: all there are
-    start, goal   (4,) float32                x, y, cos, sin, scaled like the nodes
+    start, goal   (2 + 2 n,) float32          x, y, then cos, sin of each angle, scaled like the nodes
     raster        (1, raster, raster) uint8   the workspace: 255 times the share of a cell that obstacles
                                               cover (of four points); row 0 is the bottom, column 0 the left
     ============  ==========================  ========================================================
 
     The table of nodes is flat since stable-baselines3 takes vectors and images, and warns of all else.
-    For robots with two position coordinates and at most one angle; inject another observer for others.
 
     Args:
         raster: Cells along each side of the raster; below `SMALLEST_IMAGE` a warning is given.
+        angles: n, for how many angles there are columns: F = 10 + 4 n, 14 for rigid planar robots.
 
     Raises:
-        InvalidInputError: raster is no positive integer, or takes too much memory.
+        InvalidInputError: raster or angles is no positive integer, or raster takes too much memory.
     """
 
-    def __init__(self, raster: int = 64) -> None:
+    def __init__(self, raster: int = 64, angles: int = 1) -> None:
+        self.angles = integer("angles", angles, least=1)
+        if self.angles > kernel.MOST_ANGLES:
+            raise InvalidInputError(
+                f"angles: expected at most {kernel.MOST_ANGLES}, got {angles}; pass your own observer"
+            )
+        self.columns = columns_of(self.angles)
         self.raster = integer("raster", raster, least=1)
         # Four points a cell, in float64, while it is drawn.
         affordable("raster", raster, 2 * 8 * (2 * self.raster) ** 2, "a picture of the workspace")
@@ -138,18 +174,18 @@ class TreeObservation:
     def build(self, max_nodes: int, max_samples: int) -> spaces.Dict:
         """Allocate the buffers; returns the observation space."""
         self._max_nodes = max_nodes
-        self._nodes = np.zeros((max_nodes, COLUMNS), np.float32)
+        self._nodes = np.zeros((max_nodes, self.columns), np.float32)
         self._parents = np.full(max_nodes, NO_PARENT, np.int32)
         self._counts = shown_counts(max_samples)
-        low, high = np.tile(_LOW, max_nodes), np.tile(_HIGH, max_nodes)
+        low, high = (np.tile(bound, max_nodes) for bound in _column_bounds(self.angles))
         n = self.raster
         return spaces.Dict(
             {
                 "nodes": spaces.Box(low, high, dtype=np.float32),
                 "parents": spaces.Box(NO_PARENT, max_nodes - 1, (max_nodes,), np.int32),
                 "action_mask": spaces.Box(0, 1, (max_nodes,), np.int8),
-                "start": spaces.Box(-1, 1, (4,), np.float32),
-                "goal": spaces.Box(-1, 1, (4,), np.float32),
+                "start": spaces.Box(-1, 1, (2 + 2 * self.angles,), np.float32),
+                "goal": spaces.Box(-1, 1, (2 + 2 * self.angles,), np.float32),
                 "raster": spaces.Box(0, 255, (1, n, n), np.uint8),
             }
         )
@@ -166,21 +202,14 @@ class TreeObservation:
         Raises:
             InvalidInputError: A robot that these columns cannot describe.
         """
-        space = search.space
-        angles = np.flatnonzero(space.periods)
-        if space.dimension - angles.size != 2 or angles.size > 1:
-            raise InvalidInputError(
-                "observe: TreeObservation describes two position coordinates and at most one angle, got a "
-                f"robot of {space.dimension} dimensions, {angles.size} of them angles; pass your own observer"
-            )
-        self._scales = scales_of(search)
+        self._scales = scales_of(search, self.angles)
         self._nodes.fill(0.0)
         self._parents.fill(NO_PARENT)
         self._n = 0
         self._rewirings = search.tree.rewirings
         self._ends = {
-            "start": observed_pose(search.start, self._scales),
-            "goal": observed_pose(search.goal, self._scales),
+            "start": observed_pose(search, search.start, self._scales),
+            "goal": observed_pose(search, search.goal, self._scales),
         }
         self._add_nodes(search)
 
@@ -227,27 +256,45 @@ class TreeObservation:
         return self._drawn[1]
 
 
-def scales_of(search: Search) -> NDArray[np.float64]:
-    """(SCALES,) by which the features of a search's nodes are divided, as the kernels take them."""
+def scales_of(search: Search, shown: int = 1) -> NDArray[np.float64]:
+    """(SCALES,) by which the features of a search's nodes are divided, as the kernels take them.
+
+    Args:
+        search: The search.
+        shown: For how many angles there are columns.
+
+    Raises:
+        InvalidInputError: The robot has more angles.
+    """
     space = search.space
-    angles = np.flatnonzero(space.periods)
-    size = (space.upper - space.lower)[:2]
+    angles = angles_of(space.robot)
+    if angles > shown:
+        raise InvalidInputError(
+            f"observe: expected a robot of at most {shown} angles, which these observations show, "
+            f"got one of {angles}; TreeObservation(angles={angles}) has more"
+        )
+    first = space.dimension - angles
+    xmin, ymin, xmax, ymax = space.environment.bounds
+    size = np.array([xmax - xmin, ymax - ymin])
     scales = np.zeros(kernel.SCALES)
-    scales[[kernel.X, kernel.Y]], scales[[kernel.WIDTH, kernel.HEIGHT]] = space.lower[:2], size
-    scales[kernel.ANGLE] = angles[0] if angles.size else -1
-    scales[kernel.TURN_WEIGHT] = space.weights[angles[0]] if angles.size else 0.0
-    scales[kernel.UNIT] = math.hypot(*size, math.pi * scales[kernel.TURN_WEIGHT])
+    scales[[kernel.X, kernel.Y, kernel.WIDTH, kernel.HEIGHT]] = xmin, ymin, *size
+    scales[kernel.ANGLE], scales[kernel.ANGLES], scales[kernel.SHOWN] = first, angles, shown
+    scales[kernel.WEIGHTS : kernel.WEIGHTS + angles] = space.weights[first:]
+    scales[kernel.PERIODS : kernel.PERIODS + angles] = space.periods[first:]
+    farthest = np.where(space.periods > 0, 0.5 * space.periods, space.upper - space.lower)
+    scales[kernel.UNIT] = math.hypot(*(farthest * space.weights))
     scales[kernel.ROOM] = size.min() / 2
     return scales
 
 
-def observed_pose(q: NDArray[np.float64], scales: NDArray[np.float64]) -> NDArray[np.float32]:
-    """(4,) x, y, cos, sin of a configuration, scaled like the nodes."""
-    periodic = int(scales[kernel.ANGLE])
-    angle = float(q[periodic]) if periodic >= 0 else 0.0
+def observed_pose(search: Search, q: NDArray[np.float64], scales: NDArray[np.float64]) -> NDArray[np.float32]:
+    """(2 + 2 n,) x, y and cos, sin of each angle of a configuration, scaled like the nodes."""
+    first, shown = int(scales[kernel.ANGLE]), int(scales[kernel.SHOWN])
     low, size = scales[[kernel.X, kernel.Y]], scales[[kernel.WIDTH, kernel.HEIGHT]]
-    x, y = (2 * (q[:2] - low) / size - 1).tolist()
-    return np.array([x, y, math.cos(angle), math.sin(angle)], np.float32).clip(-1, 1)
+    angles = np.append(q[first:], np.zeros(shown - (q.size - first))).tolist()
+    turns = [part for angle in angles for part in (math.cos(angle), math.sin(angle))]
+    x, y = (2 * (search.space.robot.position(q) - low) / size - 1).tolist()
+    return np.array([x, y, *turns], np.float32).clip(-1, 1)
 
 
 def shown_counts(max_samples: int) -> NDArray[np.float64]:

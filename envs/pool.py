@@ -88,7 +88,7 @@ class ProblemPool(ProblemDistribution):
         if isinstance(distribution, str):
             distribution = make_distribution(distribution)
         self.name = distribution.name
-        self.summary = distribution.summary
+        self.summary, self.angles = distribution.summary, distribution.angles
         self.taken = 0
         self._seeds = itertools.count() if seeds is None else iter(seeds)
         self._ahead = int(ahead)

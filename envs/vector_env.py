@@ -25,9 +25,9 @@ from guided_gym.envs.guided_search_env import (
     regions_of,
 )
 from guided_gym.envs.observations import (
-    COLUMNS,
     MAX_COST,
     TreeObservation,
+    columns_of,
     drawn_workspace,
     observed_pose,
     scales_of,
@@ -113,14 +113,17 @@ def is_native(env: GuidedSearchEnv) -> bool:
     )
 
 
-def vector_bytes(num_envs: int, max_nodes: int = 256, raster: int = 64, dimension: int = 3) -> int:
+def vector_bytes(
+    num_envs: int, max_nodes: int = 256, raster: int = 64, dimension: int = 3, angles: int = 1
+) -> int:
     """Bytes that a native vector environment keeps, the problems' oracles apart.
 
     ``num_envs * (max_nodes * (24 d + 4 F + 61) + raster**2 + 8 * 32 * (d + 1) + 400)`` for d dimensions and
-    F = 14 features; each step hands out a copy of ``num_envs * (max_nodes * (4 F + 5) + raster**2 + 32)``.
-    An oracle takes some 0.9 MB; environments on one problem share it.
+    F = 10 + 4 n features for n angles; each step hands out a copy of
+    ``num_envs * (max_nodes * (4 F + 5) + raster**2 + 32)``. An oracle takes some 0.9 MB; environments on one
+    problem share it.
     """
-    node = 24 * dimension + 4 * COLUMNS + 61
+    node = 24 * dimension + 4 * columns_of(angles) + 61
     ahead = 8 * AHEAD * (dimension + 1)
     return int(num_envs) * (int(max_nodes) * node + int(raster) ** 2 + ahead + 400)
 
@@ -162,17 +165,18 @@ class GuidedSearchVectorEnv(VectorEnv[Any, Any, Any]):
         assert isinstance(template.reward, MeasuredReward) and isinstance(template.observer, TreeObservation)
         self._reward, self._raster_size = template.reward, template.observer.raster
         target = template.options.target
+        self._angles, columns = template.observer.angles, template.observer.columns
         counts = shown_counts(self.max_samples)
-        self._shared = kernel.Parameters(target.delta, target.tau, target.epsilon, COLUMNS, MAX_COST, counts)
+        self._shared = kernel.Parameters(target.delta, target.tau, target.epsilon, columns, MAX_COST, counts)
         self._worst = float(self._reward.worst(target))
         self._allocate()
 
     def _allocate(self) -> None:
         n, m = self.num_envs, self.max_nodes
-        self._episodes = _episodes(n, m)
+        self._episodes = _episodes(n, m, columns_of(self._angles))
         self._trees: dict[int, kernel.Trees] = {}  # by dimension
         self._dimension = np.zeros(n, np.int64)  # 0 before the first reset
-        self._poses = np.zeros((2, n, 4), np.float32)
+        self._poses = np.zeros((2, n, 2 + 2 * self._angles), np.float32)
         self._raster = np.zeros((n, 1, self._raster_size, self._raster_size), np.uint8)
         self._drawn: list[tuple[Environment, NDArray[np.uint8]] | None] = [None] * n
         self._searches: list[Search | None] = [None] * n
@@ -499,14 +503,16 @@ class GuidedSearchVectorEnv(VectorEnv[Any, Any, Any]):
         task, optimum = problem.task, measure.optimum
         episodes.counts[i] = (1, 0, 0, 0, search.collision_checks, AHEAD)
         episodes.rules[i] = search.planner.step, task.tolerance, task.by_edge, optimum, optimum or 1.0
-        episodes.scales[i] = scales_of(search)
+        episodes.scales[i] = scales_of(search, self._angles)
         field, links, frame, _ = measure.oracle.state
         arrays = (*search.space.geometry, field, links, frame, *search.space.metric)
         # By address: an oracle has a million numbers. The search and its measure keep the arrays alive.
         episodes.worlds[i] = [number for array in arrays for number in (array.ctypes.data, array.size)]
         episodes.nodes[i], episodes.parents[i], episodes.mask[i] = 0, -1, 0
         episodes.outcome[i], episodes.lost[i] = 0, False
-        self._poses[:, i] = [observed_pose(q, episodes.scales[i]) for q in (search.start, search.goal)]
+        self._poses[:, i] = [
+            observed_pose(search, q, episodes.scales[i]) for q in (search.start, search.goal)
+        ]
         self._raster[i] = self._workspace(i, problem.environment)
         self._regions[i] = UNKNOWN if problem.regions else NO_REGION
         if problem.regions:
@@ -555,7 +561,7 @@ class GuidedSearchVectorEnv(VectorEnv[Any, Any, Any]):
         return copy.copy(mask)
 
 
-def _episodes(n: int, m: int) -> kernel.Episodes:
+def _episodes(n: int, m: int, columns: int) -> kernel.Episodes:
     return kernel.Episodes(
         counts=np.zeros((n, kernel.COUNTS), np.int64),
         rules=np.zeros((n, kernel.RULES)),
@@ -563,7 +569,7 @@ def _episodes(n: int, m: int) -> kernel.Episodes:
         worlds=np.zeros((n, kernel.WORLD), np.int64),
         tau=np.zeros((n, m)),
         energy=np.zeros((n, m)),
-        nodes=np.zeros((n, m * COLUMNS), np.float32),
+        nodes=np.zeros((n, m * columns), np.float32),
         parents=np.full((n, m), -1, np.int32),
         mask=np.zeros((n, m), np.int8),
         efficiency=np.zeros(n),

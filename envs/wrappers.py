@@ -49,7 +49,8 @@ class GraphObservation(
             raise InvalidInputError(f"GraphObservation: expected the default observation, got {space}")
         nodes = space["nodes"]
         assert isinstance(nodes, spaces.Box)
-        low, high = nodes.low[:COLUMNS], nodes.high[:COLUMNS]
+        columns = nodes.shape[0] // space["parents"].shape[0]
+        low, high = nodes.low[:columns], nodes.high[:columns]
         graph = spaces.Graph(
             node_space=spaces.Box(low, high, dtype=np.float32),
             edge_space=spaces.Box(0.0, MAX_COST, (1,), np.float32),
@@ -65,10 +66,10 @@ class GraphObservation(
 
 def _graph(observation: dict[str, NDArray[Any]]) -> spaces.GraphInstance:
     n = int(observation["action_mask"].sum())
-    nodes = node_table(observation)[:n].copy()
+    nodes = node_table(observation, observation["nodes"].size // observation["parents"].size)[:n].copy()
     children = np.arange(1, n, dtype=np.int32)
     parents = observation["parents"][1:n]
-    cost = nodes[:, NodeColumn.COST_TO_COME]
+    cost = nodes[:, NodeColumn.COST_TO_COME - COLUMNS]
     lengths = np.maximum(cost[children] - cost[parents], 0.0)[:, np.newaxis]
     return spaces.GraphInstance(nodes, lengths, np.stack([parents, children], axis=1))
 

@@ -25,6 +25,11 @@ ENVIRONMENTS: Final[dict[str, str]] = {
     "guided_gym/HardStickMaze-v0": "HardStickMaze",
     "guided_gym/Building-v0": "Building",
     "guided_gym/RandomBuilding-v0": "RandomBuilding",
+    "guided_gym/PlanarArm2-v0": "PlanarArm2",
+    "guided_gym/PlanarArm4-v0": "PlanarArm4",
+    "guided_gym/PlanarArm7-v0": "PlanarArm7",
+    "guided_gym/RandomPlanarArm4-v0": "RandomPlanarArm4",
+    "guided_gym/RandomPlanarArm7-v0": "RandomPlanarArm7",
 }
 
 SELECTION_ENTRY_POINT: Final = "guided_gym.envs.guide_selection_env:GuideSelectionEnv"

@@ -339,6 +339,7 @@ def _parts(
 ) -> tuple[Environment, Robot | None, dict[str, list[float]], float | None]:
     """The workspace of a file, the robot, start and goal if there are any, and the rotation weight."""
     from guided_gym.catalogue.files import PROBLEM_SUFFIXES, load_environment, read_problem_file
+    from guided_gym.geometry.robots import rigid
 
     environment = load_environment(file, options)
     given = {"start": start, "goal": goal}
@@ -349,7 +350,7 @@ def _parts(
         model = read_problem_file(file)
         weight = model.metric.rotation_weight
         if body is None and model.robot is not None:
-            body = model.robot.robot()
+            body = rigid(model.robot.robot(), "convert")
         for name in given:
             if name not in poses and getattr(model, name) is not None:
                 poses[name] = model.configuration(name)

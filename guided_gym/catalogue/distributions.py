@@ -10,11 +10,14 @@ import numpy as np
 
 from guided_gym.checks import integer
 from guided_gym.errors import NoPathError
+from guided_gym.geometry.robots import Robot
 from guided_gym.measure.oracle import oracle_for
+from guided_gym.options import OracleOptions
 from guided_gym.problems import Problem
 from guided_gym.randomness import streams
 
 TRIES: Final = 100
+ROADMAP: Final = 1000  # vertices of the roadmap that says whether a robot with joints has a path
 
 
 class ProblemDistribution(ABC):
@@ -26,11 +29,13 @@ class ProblemDistribution(ABC):
         name: What tables, databases and figures call it.
         fixed: True when every seed gives one and the same problem.
         summary: One line for lists of problems.
+        angles: How many angles its robots have at most: observations have columns for as many.
     """
 
     name: str
     fixed: bool = False
     summary: str = ""
+    angles: int = 1
 
     @abstractmethod
     def sample(self, rng: np.random.Generator) -> Problem:
@@ -55,7 +60,7 @@ class ProblemDistribution(ABC):
             if problem.begins_solved:
                 continue
             try:
-                oracle_for(problem.space, problem.task.goal, start=problem.task.start)
+                oracle_for(problem.space, problem.task.goal, problem.task.start, _path_check(problem))
             except NoPathError as error:
                 cause = error
                 continue
@@ -74,6 +79,11 @@ class ProblemDistribution(ABC):
         return self.draw(streams(integer("seed", seed, least=0))[0], tolerance, by_edge)
 
 
+def _path_check(problem: Problem) -> OracleOptions | None:
+    """By which oracle a problem is drawn: the one that measures it, if that is quick to have."""
+    return None if isinstance(problem.robot, Robot) else OracleOptions(resolution=(ROADMAP,))
+
+
 class FixedProblem(ProblemDistribution):
     """The distribution that always gives one problem."""
 
@@ -82,6 +92,7 @@ class FixedProblem(ProblemDistribution):
     def __init__(self, problem: Problem, summary: str = "") -> None:
         self.name = problem.name
         self.summary = summary
+        self.angles = max(1, sum(name not in ("x", "y") for name in problem.robot.names))
         self._problem = problem
 
     def sample(self, rng: np.random.Generator) -> Problem:
@@ -121,9 +132,16 @@ class ProblemList(ProblemDistribution):
 class SampledProblems(ProblemDistribution):
     """A distribution given by a function from a random generator to a problem."""
 
-    def __init__(self, name: str, draw: Callable[[np.random.Generator], Problem], summary: str = "") -> None:
+    def __init__(
+        self,
+        name: str,
+        draw: Callable[[np.random.Generator], Problem],
+        summary: str = "",
+        angles: int = 1,
+    ) -> None:
         self.name = name
         self.summary = summary
+        self.angles = angles
         self._draw = draw
 
     def sample(self, rng: np.random.Generator) -> Problem:

@@ -41,6 +41,7 @@ from guided_gym.catalogue.maps import (
 from guided_gym.errors import InvalidInputError, StorageError
 from guided_gym.geometry.environment import Environment
 from guided_gym.geometry.linkages import Body, Joint, Linkage
+from guided_gym.geometry.mechanism import Mechanism
 from guided_gym.geometry.robots import Robot, rigid
 from guided_gym.geometry.space import ConfigurationSpace
 from guided_gym.guidance.learned.weights import write_atomically
@@ -57,7 +58,7 @@ Number = Annotated[float, Field(allow_inf_nan=False, ge=-1e12, le=1e12)]
 Size = Annotated[float, Field(allow_inf_nan=False, gt=0, le=1e12)]
 Pair = Annotated[list[Number], Field(min_length=2, max_length=2)]
 Ring = Annotated[list[Pair], Field(min_length=3)]
-Vector = Annotated[list[Number], Field(min_length=2, max_length=3)]
+Vector = Annotated[list[Number], Field(min_length=1, max_length=1000)]
 Box = Annotated[list[Number], Field(min_length=4, max_length=4)]
 Text = Annotated[str, Field(max_length=10_000)]
 
@@ -137,43 +138,84 @@ def _from_wkt(place: str, text: str) -> shapely.Geometry:
     return shape
 
 
+class JointPart(_Model):
+    """A joint of a linkage; see `Joint`."""
+
+    name: Text = ""
+    parent: Annotated[int, Field(ge=-1)] = -1
+    offset: Pair = [0.0, 0.0]
+    heading: Number = 0.0
+    limits: Pair | None = None
+
+
+class BodyPart(_Model):
+    """A body on a joint of a linkage; see `Body`."""
+
+    joint: Annotated[int, Field(ge=0)]
+    outline: dict[str, Any]
+
+
 class RobotPart(_Model):
     """A robot.
 
     Attributes:
-        kind: ``point``, ``segment`` (length), ``rectangle`` (length, width), ``polygon`` (corners) or
-            ``outline`` (any GeoJSON Point, LineString or Polygon).
+        kind: ``point``, ``segment`` (length), ``rectangle`` (length, width), ``polygon`` (corners),
+            ``outline`` (any GeoJSON Point, LineString or Polygon) or ``linkage`` (joints, bodies, tool).
         length: Along the body's x axis.
         width: Across it.
         corners: Of a polygon, in the body frame.
         outline: GeoJSON geometry in the body frame.
-        dimension: 2 (translates only) or 3 (turns too).
+        joints: Of a linkage, parents first; angles in radians.
+        bodies: Of a linkage.
+        tool: Of a linkage: x, y in the frame of the joint ``tool_joint``.
+        tool_joint: The last joint by default.
+        mobile: Whether a linkage's base moves.
+        self_collision: Whether a linkage's bodies must keep off each other.
+        dimension: 2 (translates only) or 3 (turns too); a linkage has as many as its joints say.
         name: For people.
     """
 
-    kind: Literal["point", "segment", "rectangle", "polygon", "outline"]
+    kind: Literal["point", "segment", "rectangle", "polygon", "outline", "linkage"]
     length: Size | None = None
     width: Size | None = None
     corners: Ring | None = None
     outline: dict[str, Any] | None = None
+    joints: Annotated[list[JointPart], Field(min_length=1, max_length=1000)] | None = None
+    bodies: Annotated[list[BodyPart], Field(min_length=1, max_length=1000)] | None = None
+    tool: Pair | None = None
+    tool_joint: Annotated[int, Field(ge=0)] | None = None
+    mobile: bool | None = None
+    self_collision: bool | None = None
     dimension: Literal[2, 3] | None = None
     name: Text | None = None
 
     @model_validator(mode="after")
     def _fields_of_kind(self) -> RobotPart:
         wanted = _ROBOT_FIELDS[self.kind]
-        for name in ("length", "width", "corners", "outline"):
+        for name in ("length", "width", "corners", "outline", "joints", "bodies", "tool"):
             if (getattr(self, name) is not None) != (name in wanted):
                 what = "needs" if name in wanted else "takes no"
                 raise ValueError(f"a robot of kind {self.kind!r} {what} {name}")
+        for name in ("tool_joint", "mobile", "self_collision"):
+            if getattr(self, name) is not None and self.kind != "linkage":
+                raise ValueError(f"a robot of kind {self.kind!r} takes no {name}")
+        if self.kind == "linkage" and self.dimension is not None:
+            raise ValueError("a robot of kind 'linkage' takes no dimension")
         return self
 
-    def robot(self) -> Robot:
+    @property
+    def first_angle(self) -> int:
+        """The first of the coordinates of a configuration that are angles."""
+        return 0 if self.kind == "linkage" and not self.mobile else 2
+
+    def robot(self) -> Mechanism:
         """The robot.
 
         Raises:
             InvalidInputError: An outline that cannot be one.
         """
+        if self.kind == "linkage":
+            return self._linkage()
         if self.kind == "point":
             made = Robot.point()
         elif self.kind == "segment":
@@ -187,10 +229,65 @@ class RobotPart(_Model):
         dimension = made.dimension if self.dimension is None else self.dimension
         return Robot(made.outline, dimension, made.name if self.name is None else self.name)
 
+    def _linkage(self) -> Linkage:
+        joints = self.joints or []
+        last = len(joints) - 1 if self.tool_joint is None else self.tool_joint
+        x, y = self.tool or (0.0, 0.0)
+        return Linkage(
+            tuple(
+                Joint(
+                    (joint.offset[0], joint.offset[1]),
+                    joint.parent,
+                    joint.heading,
+                    None if joint.limits is None else (joint.limits[0], joint.limits[1]),
+                    joint.name,
+                )
+                for joint in joints
+            ),
+            tuple(
+                Body(body.joint, geojson_shape(f"robot.bodies[{k}]", body.outline))
+                for k, body in enumerate(self.bodies or [])
+            ),
+            (last, (x, y)),
+            bool(self.mobile),
+            bool(self.self_collision),
+            "linkage" if self.name is None else self.name,
+        )
+
     @classmethod
-    def of(cls, robot: Robot) -> RobotPart:
-        """The shortest form from which the same robot comes back."""
-        outline = robot.outline
+    def _of_linkage(cls, robot: Linkage) -> RobotPart:
+        return cls.model_validate(
+            {
+                "kind": "linkage",
+                "name": robot.name,
+                "joints": [
+                    {
+                        "name": joint.name,
+                        "parent": joint.parent,
+                        "offset": list(joint.offset),
+                        "heading": joint.heading,
+                        "limits": None if joint.limits is None else list(joint.limits),
+                    }
+                    for joint in robot.joints
+                ],
+                "bodies": [{"joint": body.joint, "outline": _geojson(body.outline)} for body in robot.bodies],
+                "tool_joint": robot.tool[0],
+                "tool": list(robot.tool[1]),
+                "mobile": robot.mobile,
+                "self_collision": robot.self_collision,
+            }
+        )
+
+    @classmethod
+    def of(cls, robot: Mechanism) -> RobotPart:
+        """The shortest form from which the same robot comes back.
+
+        Raises:
+            InvalidInputError: A robot that a file cannot say.
+        """
+        if isinstance(robot, Linkage):
+            return cls._of_linkage(robot)
+        outline = rigid(robot, "problem file").outline
         forms: list[dict[str, Any]] = []
         if isinstance(outline, shapely.Point):
             forms.append({"kind": "point"})
@@ -205,7 +302,8 @@ class RobotPart(_Model):
         for form in forms:
             part = cls.model_validate({**form, "dimension": robot.dimension, "name": robot.name})
             try:
-                same = shapely.to_wkb(part.robot().outline) == shapely.to_wkb(outline)
+                again = rigid(part.robot(), "problem file")
+                same = shapely.to_wkb(again.outline) == shapely.to_wkb(outline)
             except InvalidInputError:
                 continue
             if same:
@@ -219,81 +317,8 @@ _ROBOT_FIELDS: Final[dict[str, tuple[str, ...]]] = {
     "rectangle": ("length", "width"),
     "polygon": ("corners",),
     "outline": ("outline",),
+    "linkage": ("joints", "bodies", "tool"),
 }
-
-
-class JointPart(_Model):
-    """A joint of a linkage; see `Joint`."""
-
-    offset: Pair
-    parent: int
-    heading: Number
-    limits: Pair | None
-    name: Text
-
-
-class BodyPart(_Model):
-    """A body of a linkage; see `Body`."""
-
-    joint: int
-    outline: dict[str, Any]
-
-
-class LinkagePart(_Model):
-    """A robot with joints; see `Linkage`."""
-
-    joints: Annotated[list[JointPart], Field(max_length=1000)]
-    bodies: Annotated[list[BodyPart], Field(max_length=1000)]
-    tool_joint: int
-    tool: Pair
-    mobile: bool
-    self_collision: bool
-    name: Text
-
-    def linkage(self) -> Linkage:
-        """The robot.
-
-        Raises:
-            InvalidInputError: It cannot be one.
-        """
-        joints = tuple(
-            Joint(
-                (one.offset[0], one.offset[1]),
-                one.parent,
-                one.heading,
-                None if one.limits is None else (one.limits[0], one.limits[1]),
-                one.name,
-            )
-            for one in self.joints
-        )
-        bodies = tuple(Body(one.joint, geojson_shape("outline", one.outline)) for one in self.bodies)
-        tool = (self.tool_joint, (self.tool[0], self.tool[1]))
-        return Linkage(joints, bodies, tool, self.mobile, self.self_collision, self.name)
-
-    @classmethod
-    def of(cls, robot: Linkage) -> LinkagePart:
-        """What is written of a robot."""
-        joints = [
-            JointPart(
-                offset=list(one.offset),
-                parent=one.parent,
-                heading=one.heading,
-                limits=None if one.limits is None else list(one.limits),
-                name=one.name,
-            )
-            for one in robot.joints
-        ]
-        bodies = [BodyPart(joint=one.joint, outline=_geojson(one.outline)) for one in robot.bodies]
-        on, tool = robot.tool
-        return cls(
-            joints=joints,
-            bodies=bodies,
-            tool_joint=on,
-            tool=list(tool),
-            mobile=robot.mobile,
-            self_collision=robot.self_collision,
-            name=robot.name,
-        )
 
 
 class GoalRule(_Model):
@@ -375,13 +400,17 @@ class ProblemFile(_Model):
         most = _FULL_TURN if self.units.angle == "rad" else 360.0
         for name in ("start", "goal"):
             q = getattr(self, name)
-            if q is not None and len(q) == 3 and abs(q[2]) > most:
+            if q is not None and self._rigid and len(q) == 3 and abs(q[2]) > most:
                 hint = " (degrees? units.angle = 'deg' says so)" if self.units.angle == "rad" else ""
                 raise ValueError(
                     f"{name}: expected a heading of -{most:.6g} to {most:.6g} {self.units.angle}, "
                     f"got {q[2]:g}{hint}"
                 )
         return self
+
+    @property
+    def _rigid(self) -> bool:
+        return self.robot is None or self.robot.kind != "linkage"
 
     def configuration(self, name: str) -> list[float]:
         """The start or goal, its heading in radians.
@@ -392,8 +421,10 @@ class ProblemFile(_Model):
         q: list[float] | None = getattr(self, name)
         if q is None:
             raise InvalidInputError(f"{name}: expected this field of a problem, got none")
-        turns = self.units.angle == "deg" and len(q) == 3
-        return [*q[:2], math.radians(q[2])] if turns else list(q)
+        if self.units.angle == "rad":
+            return list(q)
+        first = 2 if self.robot is None else self.robot.first_angle
+        return [*q[:first], *map(math.radians, q[first:])]
 
     def environment(self, folder: Path) -> Environment:
         """The workspace; a map is looked for in ``folder``.
@@ -437,7 +468,7 @@ class ProblemFile(_Model):
         regions = {name: part.shape(f"regions.{name}") for name, part in self.regions.items()}
         return Problem(robot, environment, task, self.name, regions, self.metric.rotation_weight)
 
-    def _check_poses(self, robot: Robot, environment: Environment) -> None:
+    def _check_poses(self, robot: Mechanism, environment: Environment) -> None:
         space = ConfigurationSpace(robot, environment, self.metric.rotation_weight)
         names = self.obstacle_names()
         for label in ("start", "goal"):
@@ -722,13 +753,6 @@ def file_of(problem: Problem, *, length: str = "m", origin: Sequence[float] = (0
     Raises:
         InvalidInputError: A number beyond what a file may have.
     """
-    robot, task = RobotPart.of(rigid(problem.robot, "problem file")), problem.task
-    return _file(problem, length, origin, robot=robot, start=task.start.tolist(), goal=task.goal.tolist())
-
-
-def _file(problem: Problem, length: str, origin: Sequence[float], **fields: Any) -> ProblemFile:
-    """The model of all of a problem but its robot, start and goal, which ``fields`` may add."""
-    weight, task = problem.rotation_weight, problem.task
     try:
         return ProblemFile(
             format=FORMAT,
@@ -736,11 +760,15 @@ def _file(problem: Problem, length: str, origin: Sequence[float], **fields: Any)
             units=Units(length=length),
             origin=[float(v) for v in origin],
             bounds=list(problem.environment.bounds),
-            goal_rule=GoalRule(tolerance=task.tolerance, by_edge=task.by_edge),
-            metric=Metric(rotation_weight=None if weight is None else float(weight)),
+            start=problem.task.start.tolist(),
+            goal=problem.task.goal.tolist(),
+            goal_rule=GoalRule(tolerance=problem.task.tolerance, by_edge=problem.task.by_edge),
+            metric=Metric(
+                rotation_weight=None if problem.rotation_weight is None else float(problem.rotation_weight)
+            ),
+            robot=RobotPart.of(problem.robot),
             obstacles=[_polygon_part(one) for one in problem.environment.obstacles],
             regions={name: Shape(geojson=_geojson(shape)) for name, shape in problem.regions.items()},
-            **fields,
         )
     except ValidationError as error:
         raise InvalidInputError(_message(error.errors(include_url=False)[0])) from None
@@ -749,7 +777,7 @@ def _file(problem: Problem, length: str, origin: Sequence[float], **fields: Any)
 def map_file(
     source: Path,
     environment: Environment,
-    robot: Robot | None,
+    robot: Mechanism | None,
     poses: Mapping[str, Sequence[float]],
     rotation_weight: float | None = None,
 ) -> ProblemFile:
@@ -827,16 +855,10 @@ def _content(model: ProblemFile) -> dict[str, Any]:
 def problem_content(problem: Problem) -> dict[str, Any]:
     """What a problem file says of a problem, for other files to hold; `problem_of` makes the same one of it.
 
-    Of a robot with joints, which problem files do not know yet, ``linkage`` says what it is.
-
     Raises:
-        InvalidInputError: A number beyond what a file may have, or a robot of another kind.
+        InvalidInputError: A number beyond what a file may have.
     """
-    if not isinstance(problem.robot, Linkage):
-        return _content(file_of(problem))
-    task, linkage = problem.task, LinkagePart.of(problem.robot).model_dump()
-    own = {"start": task.start.tolist(), "goal": task.goal.tolist(), "linkage": linkage}
-    return {**_content(_file(problem, "m", (0.0, 0.0))), **own}
+    return _content(file_of(problem))
 
 
 def problem_of(content: Any, where: Path) -> Problem:
@@ -849,27 +871,14 @@ def problem_of(content: Any, where: Path) -> Problem:
     Raises:
         InvalidInputError: A field is missing or cannot be used; names file and field.
     """
-    linked = isinstance(content, dict) and "linkage" in content
-    own = ("linkage", "start", "goal") if linked else ()
     try:
-        model = ProblemFile.model_validate(
-            {k: v for k, v in content.items() if k not in own} if own else content
-        )
-        linkage = LinkagePart.model_validate(content["linkage"]) if linked else None
+        model = ProblemFile.model_validate(content)
     except ValidationError as error:
         raise InvalidInputError(f"{where}: {_message(error.errors(include_url=False)[0])}") from None
     if model.map is not None:
         raise InvalidInputError(f"{where}: expected a problem that needs no other file, got one with a map")
     try:
-        if linkage is None:
-            return model.problem(where.parent)
-        rule = model.goal_rule
-        task = Task(content.get("start"), content.get("goal"), rule.tolerance, rule.by_edge)
-        regions = {name: part.shape(f"regions.{name}") for name, part in model.regions.items()}
-        environment = model.environment(where.parent)
-        return Problem(
-            linkage.linkage(), environment, task, model.name, regions, model.metric.rotation_weight
-        )
+        return model.problem(where.parent)
     except InvalidInputError as error:
         raise InvalidInputError(f"{where}: {error}") from None
 

@@ -92,6 +92,7 @@ class SplitProblems(ProblemList):
     def __init__(self, distribution: ProblemDistribution, split: Split) -> None:
         self.name = f"{distribution.name}@{split.name}"
         self.summary = f"{distribution.summary} ({split.name} problems)"
+        self.angles = distribution.angles
         self.distribution = distribution
         self.split = split
 

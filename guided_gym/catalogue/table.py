@@ -13,6 +13,7 @@ import numpy as np
 from shapely.geometry import Polygon, box
 from shapely.geometry.base import BaseGeometry
 
+from guided_gym.catalogue import arms
 from guided_gym.catalogue.buildings import building, random_building
 from guided_gym.catalogue.clutter import random_clutter
 from guided_gym.catalogue.distributions import FixedProblem, ProblemDistribution, SampledProblems
@@ -96,8 +97,10 @@ def _fixed(build: Callable[[], Problem]) -> Callable[[], ProblemDistribution]:
     return lambda: FixedProblem(build(), _summary(build))
 
 
-def _drawn(name: str, draw: Callable[[np.random.Generator], Problem]) -> Callable[[], ProblemDistribution]:
-    return lambda: SampledProblems(name, draw, _summary(draw))
+def _drawn(
+    name: str, draw: Callable[[np.random.Generator], Problem], angles: int = 1
+) -> Callable[[], ProblemDistribution]:
+    return lambda: SampledProblems(name, draw, _summary(draw), angles)
 
 
 # One row per problem or distribution: a new one joins by adding a row, here or by `register_distribution`.
@@ -115,6 +118,11 @@ _CATALOGUE: dict[str, Callable[[], ProblemDistribution]] = {
     "HardStickMaze": _drawn("HardStickMaze", hard_stick_maze),
     "Building": _fixed(building),
     "RandomBuilding": _drawn("RandomBuilding", random_building),
+    "PlanarArm2": _fixed(arms.planar_arm_2),
+    "PlanarArm4": _fixed(arms.planar_arm_4),
+    "PlanarArm7": _fixed(arms.planar_arm_7),
+    "RandomPlanarArm4": _drawn("RandomPlanarArm4", arms.random_planar_arm_4, angles=4),
+    "RandomPlanarArm7": _drawn("RandomPlanarArm7", arms.random_planar_arm_7, angles=7),
 }
 
 # Known by name but not listed: they need files that do not come with the package.

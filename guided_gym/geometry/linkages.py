@@ -229,6 +229,17 @@ class Linkage(Mechanism):
         return float(max(self.reaches[k] + offset for k, offset in zip(roots, offsets, strict=True)))
 
     @property
+    def size(self) -> float:
+        """Its reach: a path of an arm is some times as long."""
+        return self.radius
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """X and y of a base that moves, and the joints' names."""
+        base = ("x", "y") if self.mobile else ()
+        return (*base, *(joint.name for joint in self.joints))
+
+    @property
     def straight(self) -> bool:
         """Whether the position is that of a base that moves."""
         root = self.joints[0]
@@ -245,7 +256,7 @@ class Linkage(Mechanism):
             weights = np.full(len(self.joints), number("rotation_weight", rotation_weight, above=0))
         base = slice(0, 2 if self.mobile else 0)
         return Coordinates(
-            (*("x", "y")[base], *(joint.name for joint in self.joints)),
+            self.names,
             np.array([xmin, ymin][base] + low),
             np.array([xmax, ymax][base] + high),
             np.concatenate([np.zeros(2)[base], np.where(free, 2.0 * math.pi, 0.0)]),
@@ -329,6 +340,7 @@ class Linkage(Mechanism):
             (joints, np.array(rows, np.int64)),
             (circles, np.array([body.joint for body in self.bodies]), np.cumsum(counts)),
             limits,
+            self.tool,
             np.array(self.pairs, np.int64).reshape(-1, 2),
         )
 

@@ -50,6 +50,11 @@ class Mechanism(ABC):
 
     @property
     @abstractmethod
+    def names(self) -> tuple[str, ...]:
+        """What each coordinate is called: positions x and y, all others angles."""
+
+    @property
+    @abstractmethod
     def radius(self) -> float:
         """How far from its reference point, or from its base, the robot reaches at most (length)."""
 

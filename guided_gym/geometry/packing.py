@@ -7,7 +7,7 @@ import numpy.typing as npt
 
 from guided_gym.geometry.convex import Pieces
 from guided_gym.kernels.collision import ENTRY, TABLE, Geometry
-from guided_gym.kernels.packing import BASE, bounding_boxes, box_tree, pack_linkage, pack_pieces
+from guided_gym.kernels.packing import BASE, TOOL, bounding_boxes, box_tree, pack_linkage, pack_pieces
 
 FloatArray = npt.NDArray[np.float64]
 IntArray = npt.NDArray[np.int64]
@@ -59,6 +59,7 @@ def with_linkage(
     joints: tuple[FloatArray, IntArray],
     bodies: tuple[FloatArray, IntArray, IntArray],
     limits: FloatArray,
+    tool: tuple[int, tuple[float, float]],
     pairs: IntArray,
 ) -> Geometry:
     """A `Geometry` whose robot pieces hang on joints: with the table of `guided_gym.kernels.linkage`.
@@ -70,10 +71,22 @@ def with_linkage(
         joints: (n, 4) offset x, y, heading, length of the offset; (n, 3) parent, coordinate, periodic.
         bodies: (m, 3) centre x, y and radius of a circle around each; (m,) its joint; (m,) end of its pieces.
         limits: (d, 2) smallest and largest value of each coordinate.
+        tool: Index of the joint that carries the tool, and the tool's place in its frame.
         pairs: (p, 2) bodies that must keep off each other.
     """
+    place = np.array(tool[1])
     numbers, index = pack_linkage(
-        whole[0], whole[1], joints[0], joints[1], bodies[0], bodies[1], bodies[2], limits, pairs
+        whole[0],
+        whole[1],
+        joints[0],
+        joints[1],
+        bodies[0],
+        bodies[1],
+        bodies[2],
+        limits,
+        place,
+        pairs,
     )
-    index[ENTRY], index[index[TABLE] + BASE] = entry, mobile
+    table = index[TABLE]
+    index[ENTRY], index[table + BASE], index[table + TOOL] = entry, mobile, tool[0]
     return numbers, index

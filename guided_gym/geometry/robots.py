@@ -114,6 +114,11 @@ class Robot(Mechanism):
         return q[..., :2]
 
     @property
+    def names(self) -> tuple[str, ...]:
+        """x, y and theta."""
+        return ("x", "y", "theta")[: self.dimension]
+
+    @property
     def straight(self) -> bool:
         """True: the reference point moves on a straight line."""
         return True
@@ -126,7 +131,7 @@ class Robot(Mechanism):
             weight = number("rotation_weight", weight, above=0)
         n = self.dimension
         return Coordinates(
-            ("x", "y", "theta")[:n],
+            self.names,
             np.array([xmin, ymin, -math.pi][:n]),
             np.array([xmax, ymax, math.pi][:n]),
             np.array([0.0, 0.0, 2.0 * math.pi][:n]),

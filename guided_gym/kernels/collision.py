@@ -39,7 +39,7 @@ import numpy as np
 import numpy.typing as npt
 from numba import njit
 
-from guided_gym.kernels.foreign import CLEARANCE, FRACTION, POSE_FREE, WHOLE, call
+from guided_gym.kernels.foreign import CLEARANCE, FRACTION, POSE_FREE, TOOL_X, TOOL_Y, WHOLE, call
 
 FloatArray = npt.NDArray[np.float64]
 IntArray = npt.NDArray[np.int64]
@@ -266,6 +266,16 @@ def poses_free(qs: FloatArray, geometry: Geometry) -> BoolArray:
     for i in range(qs.shape[0]):
         free[i] = _pose_free(geometry[0], geometry[1], qs[i, 0], qs[i, 1], qs[i, 2] if turns else 0.0)
     return free
+
+
+@njit(cache=True)
+def position(q: FloatArray, geometry: Geometry) -> tuple[float, float]:
+    """Where the robot is in the workspace: its reference point, or its tool."""
+    entry = geometry[1][ENTRY]
+    if entry != 0:
+        x: float = call(entry, TOOL_X, q, q, geometry[0], geometry[1])
+        return x, call(entry, TOOL_Y, q, q, geometry[0], geometry[1])
+    return q[0], q[1]
 
 
 @njit(cache=True)

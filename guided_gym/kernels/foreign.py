@@ -14,8 +14,9 @@ from llvmlite import ir
 from numba import types  # type: ignore[attr-defined]
 from numba.extending import intrinsic
 
-POSE_FREE, CLEARANCE, FRACTION, WHOLE = range(4)
-"""What is asked: is pose a free; its clearance; the free part of the motion a -> b; 1.0 if all of it is."""
+POSE_FREE, CLEARANCE, FRACTION, WHOLE, TOOL_X, TOOL_Y = range(6)
+"""What is asked: is pose a free; its clearance; the free part of the motion a -> b; 1.0 if all of it is; and
+where the robot is at a, which is its tool's place."""
 
 SIGNATURE: Final = types.float64(
     types.int64,

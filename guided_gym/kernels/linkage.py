@@ -10,8 +10,9 @@ them seen from the other, where the rates are differences.
 Table. From `index[TABLE]`: joints, bodies, pairs of bodies, base (1: the first two coordinates move it),
 where the numbers of the joints (offset x, y, heading, length of the offset), of the bodies (centre x, y,
 radius) and of the coordinates (low, high) start, and where the robot pieces start once more, as obstacles in
-their own frame; then a row for each joint (parent or -1, coordinate, periodic), for each body (joint, first
-row of its pieces, end of them) and for each pair that may collide (its bodies).
+their own frame; the joint of the tool and where its numbers (x, y) start. Then a row for each joint (parent
+or -1, coordinate, periodic), for each body (joint, first row of its pieces, end of them) and for each pair
+that may collide (its bodies).
 """
 # mypy: disable-error-code="misc,no-any-return,no-untyped-call"
 
@@ -38,7 +39,7 @@ from guided_gym.kernels.collision import (
     _separated,
     next_run,
 )
-from guided_gym.kernels.foreign import CLEARANCE, FRACTION, POSE_FREE, SIGNATURE
+from guided_gym.kernels.foreign import CLEARANCE, FRACTION, POSE_FREE, SIGNATURE, TOOL_X, TOOL_Y
 from guided_gym.kernels.packing import (
     BASE,
     BODIES,
@@ -49,6 +50,8 @@ from guided_gym.kernels.packing import (
     OWN_ROWS,
     PAIRS,
     TABLE_HEADER,
+    TOOL,
+    TOOL_NUMBERS,
 )
 
 FloatArray = npt.NDArray[np.float64]
@@ -547,6 +550,20 @@ def _pose_clearance(numbers: FloatArray, index: IntArray, q: FloatArray) -> floa
     return smallest
 
 
+@njit(cache=True)
+def _tool(numbers: FloatArray, index: IntArray, q: FloatArray) -> tuple[float, float]:
+    """Where the tool is in the workspace."""
+    table = index[TABLE]
+    state = np.empty((index[table + JOINTS], STATE))
+    _frames(numbers, index, q, np.zeros(q.size), state)
+    at, own = index[table + TOOL_NUMBERS], state[index[table + TOOL]]
+    x, y = numbers[at], numbers[at + 1]
+    return (
+        numbers[3] + own[X] + own[COS] * x - own[SIN] * y,
+        numbers[4] + own[Y] + own[SIN] * x + own[COS] * y,
+    )
+
+
 @cfunc(SIGNATURE, cache=True)
 def answer(
     asked: int, a: FloatArray, b: FloatArray, size: int, numbers: FloatArray, index: IntArray
@@ -559,4 +576,6 @@ def answer(
         return 1.0 if _pose_free(x, i, p) else 0.0
     if asked == CLEARANCE:
         return _pose_clearance(x, i, p)
+    if asked in (TOOL_X, TOOL_Y):
+        return _tool(x, i, p)[0 if asked == TOOL_X else 1]
     return _motion_fraction(x, i, p, q, asked != FRACTION)

@@ -167,9 +167,9 @@ def pack_pieces(
     return numbers[: at + 4 * m].copy(), index
 
 
-JOINTS, BODIES, PAIRS, BASE, JOINT_NUMBERS, BODY_NUMBERS, LIMITS, OWN_ROWS = range(8)
+JOINTS, BODIES, PAIRS, BASE, JOINT_NUMBERS, BODY_NUMBERS, LIMITS, OWN_ROWS, TOOL, TOOL_NUMBERS = range(10)
 """Entries before the rows of a linkage's table; `guided_gym.kernels.linkage` says what they are."""
-TABLE_HEADER = 8
+TABLE_HEADER = 10
 
 
 @njit(cache=True)
@@ -182,9 +182,10 @@ def pack_linkage(
     body_joints: IntArray,
     body_ends: IntArray,
     limits: FloatArray,
+    tool: FloatArray,
     pairs: IntArray,
 ) -> tuple[FloatArray, IntArray]:
-    """The two arrays of a `Geometry` with the table of a linkage behind them, but for its entry and base.
+    """The two arrays of a `Geometry` with the table of a linkage behind them, but for entry, base and tool.
 
     Args:
         numbers: Those of all pieces.
@@ -195,6 +196,7 @@ def pack_linkage(
         body_joints: (m,) the joint of each body.
         body_ends: (m,) where its pieces end.
         limits: (d, 2) smallest and largest value of each coordinate.
+        tool: (2,) place of the tool in its joint's frame.
         pairs: (p, 2) bodies that must keep off each other.
     """
     n, m, p, pieces = joints.shape[0], circles.shape[0], pairs.shape[0], index[0]
@@ -202,7 +204,7 @@ def pack_linkage(
     for i in range(pieces):
         corners += index[HEADER + ROW * i + 1]
     table, at = index.size, numbers.size
-    room = np.empty(at + joints.size + circles.size + limits.size + 5 * corners)
+    room = np.empty(at + joints.size + circles.size + limits.size + tool.size + 5 * corners)
     rows = np.zeros(table + TABLE_HEADER + 3 * (n + m) + 2 * p + ROW * pieces, dtype=np.int64)
     room[:at], rows[:table] = numbers, index
     rows[TABLE] = table
@@ -211,6 +213,9 @@ def pack_linkage(
         rows[table + which] = at
         room[at : at + values.size] = values.ravel()
         at += values.size
+    rows[table + TOOL_NUMBERS] = at
+    room[at : at + 2] = tool
+    at += 2
     row = table + TABLE_HEADER
     rows[row : row + 3 * n] = joint_rows.ravel()
     row += 3 * n

@@ -38,9 +38,9 @@ def test_gym_make_imports_the_package_by_itself():
 
 
 @pytest.mark.parametrize("name", IDS)
-def test_gymnasium_check_env(name, monkeypatch):
+def test_gymnasium_check_env(name, monkeypatch, options_of):
     monkeypatch.setenv("SDL_VIDEODRIVER", "dummy")
-    env = gymnasium.make(name, disable_env_checker=True).unwrapped
+    env = gymnasium.make(name, disable_env_checker=True, **options_of(name)).unwrapped
     check_env(env, skip_render_check=not has_pygame())
 
 
@@ -61,9 +61,9 @@ def test_gymnasium_check_env_with_options(options):
 
 
 @pytest.mark.parametrize("name", IDS)
-def test_stable_baselines3_check_env(name):
+def test_stable_baselines3_check_env(name, options_of):
     checker = pytest.importorskip("stable_baselines3.common.env_checker")
-    checker.check_env(gymnasium.make(name), warn=True, skip_render_check=True)
+    checker.check_env(gymnasium.make(name, **options_of(name)), warn=True, skip_render_check=True)
 
 
 @pytest.mark.parametrize("mode", ["sync", "async"])

@@ -28,8 +28,8 @@ KINDS = {
 
 
 @pytest.mark.parametrize("name", IDS)
-def test_the_same_keys_and_types_at_reset_and_at_each_step(name):
-    env = gymnasium.make(name, max_samples=6).unwrapped
+def test_the_same_keys_and_types_at_reset_and_at_each_step(name, options_of):
+    env = gymnasium.make(name, max_samples=6, **options_of(name)).unwrapped
     observation, info = env.reset(seed=0)
     for action in (None, 0, 10**6, 0, 0, 0, 0, 0):
         if action is not None:

@@ -13,9 +13,9 @@ IDS = [*ENVIRONMENTS, *SELECTIONS]
 
 
 @pytest.mark.parametrize("name", IDS)
-def test_torchrl_makes_every_id(name):
+def test_torchrl_makes_every_id(name, options_of):
     gym = pytest.importorskip("torchrl.envs.libs.gym")
-    env = gym.GymEnv(name, categorical_action_encoding=True, max_samples=8)
+    env = gym.GymEnv(name, categorical_action_encoding=True, max_samples=8, **options_of(name))
     steps = env.rollout(4)
     assert steps["next", "reward"].shape == (4, 1)
 

@@ -3,15 +3,16 @@
 from __future__ import annotations
 
 import math
-from typing import ClassVar
 
 import numpy as np
 import pytest
 from shapely.geometry import box
 
 from guided_gym import (
+    ConfigurationSpace,
     Environment,
     InvalidInputError,
+    Linkage,
     NodeColumn,
     Problem,
     Robot,
@@ -159,17 +160,10 @@ def test_a_point_robot_has_heading_zero():
     assert row[NodeColumn.GOAL_DISTANCE] == pytest.approx(math.hypot(1, 0.5) / math.hypot(2, 2))
 
 
-class Arm:
-    """What the observer looks at of a space with more dimensions than it can describe."""
-
-    dimension = 4
-    periods: ClassVar = np.array([0, 0, 1, 1.0])
-
-
 def test_robots_that_the_columns_cannot_describe_are_refused():
     search, observer, _ = grown()
-    search.space = Arm()
-    with pytest.raises(InvalidInputError, match="robot of 4 dimensions, 2 of them angles"):
+    search.space = ConfigurationSpace(Linkage.snake([0.2] * 2), PROBLEM.environment)
+    with pytest.raises(InvalidInputError, match="at most 1 angles, .*, got one of 2"):
         observer.reset(search)
 
 

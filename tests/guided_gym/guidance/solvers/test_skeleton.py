@@ -67,7 +67,8 @@ def test_skeleton__lies_in_the_free_space_and_joins_start_to_goal(name: str) -> 
     assert environment.free_space.buffer(0.5).covers(shapely.union_all(segments))
     graph = nx.Graph(edges.tolist())
     assert set(graph) == set(range(len(points)))
-    nearest = [int(np.argmin(np.hypot(*(points - q[:2]).T))) for q in (problem.task.start, problem.task.goal)]
+    ends = [problem.robot.position(q) for q in (problem.task.start, problem.task.goal)]
+    nearest = [int(np.argmin(np.hypot(*(points - xy).T))) for xy in ends]
     assert nx.has_path(graph, *nearest)
     lengths = shapely.length(segments)
     assert lengths.max() < 1.0  # a branch shorter than 1.5 spacings is one edge
