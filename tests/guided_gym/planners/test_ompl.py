@@ -186,7 +186,7 @@ def test_first_false__goes_on_for_shorter_paths(cup: Problem) -> None:
     longer = guided_search(cup, watched, seed=0, max_samples=800, measure=False)
     assert longer.samples == 800 > once.samples
     assert longer.length < once.length
-    lengths = [length for _, length in watched.history]
+    lengths = [length for _, _, length in watched.history]
     assert lengths == sorted(lengths, reverse=True)
     assert lengths[-1] == pytest.approx(longer.length)
 
