@@ -240,10 +240,7 @@ def _ratios(environment: str, name: str, seed: int) -> list[float]:
         result = guided_search(problem, planner, seed=seed, max_samples=10**7, measure=False)
         history = [(seconds + result.preparation, length) for _, seconds, length in planner.history]
     else:
-        step = guided_search(problem, "uninformed", seed=0, max_samples=1, measure=False).options.step
-        answer = Planner(problem, name, step=step or 0.05 * problem.space.extent).plan(
-            seed=seed, seconds=MOMENTS[-1]
-        )
+        answer = Planner(problem, name, step=problem.space.scale).plan(seed=seed, seconds=MOMENTS[-1])
         history = [(seconds, length) for seconds, _, length in answer.history.tolist()]
     return [
         min((length for seconds, length in history if seconds <= moment), default=math.inf) / optimum
