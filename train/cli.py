@@ -312,12 +312,19 @@ def reproduce(
     baselines: Annotated[
         bool, typer.Option(help="Evaluate goal_distance and uninformed on every problem too.")
     ] = False,
+    ompl: Annotated[
+        bool,
+        typer.Option("--ompl", help="OMPL's planners beside the paper's guidances instead (docs/ompl.md)."),
+    ] = False,
 ) -> None:
     """Run the paper's experiments, draw its figures and check its claims. Call it again to resume."""
     from guided_gym.train.report import note_evaluation
     from guided_gym.train.reproduction import reproduce as run
     from guided_gym.train.reproduction import save_report
 
+    if ompl:
+        _reproduce_ompl(seeds, workers, out)
+        return
     with progress_bar("Reproducing the paper", out) as progress:
         doing = chosen(executor, address, workers)
         report = run(seeds=seeds, workers=doing, out=out, baselines=baselines, progress=progress)
@@ -328,6 +335,18 @@ def reproduce(
     for table in report.tables():
         screen.print(table)
     _name_files(screen, out, written)
+
+
+def _reproduce_ompl(seeds: int, workers: int, out: Path) -> None:
+    """OMPL's planners: three tables, in a folder of their own."""
+    from guided_gym.train.ompl_report import markdown, ompl_report, save_ompl_report
+
+    folder = out / "ompl"
+    with progress_bar("OMPL's planners", folder) as progress:
+        report = ompl_report(seeds=seeds, workers=workers, out=folder, progress=progress)
+    written = save_ompl_report(report, folder)
+    console().print(markdown(report), markup=False)
+    _name_files(console(), folder, written)
 
 
 @database_app.command("build")

@@ -22,6 +22,7 @@ from guided_gym.checks import flag, integer, number
 from guided_gym.errors import InvalidInputError, UnknownNameError
 from guided_gym.options import SearchOptions
 from guided_gym.planners.query import Query
+from guided_gym.planners.spaces import StateSpace
 from guided_gym.problems import Problem
 from guided_gym.randomness import streams
 from guided_gym.search.search import Search, Watcher
@@ -191,6 +192,23 @@ class Alone:
     tree: list[tuple[State, State]]
 
 
+class _Answers:
+    """Answers what OMPL asks, and takes no notes."""
+
+    over = False
+
+    def __init__(self, states: StateSpace, resolution: float) -> None:
+        self._configuration = states.configuration
+        self._check = states.sampled_check(resolution) if resolution else states.space.motion_free
+
+    def look(self, state: State) -> None:
+        """Nothing is done about it."""
+
+    def motion(self, first: State, second: State) -> bool:
+        """Whether a motion is free."""
+        return self._check(self._configuration(first), self._configuration(second))
+
+
 class OmplPlanner(WatchedPlanner):
     """A planner of OMPL, watched as it plans.
 
@@ -206,6 +224,10 @@ class OmplPlanner(WatchedPlanner):
         seconds: Wall time after which the planner has to give up; what it takes to measure counts.
         angles: ``"round"``: circles, in OMPL's metric; ``"cut"``: plain numbers, in our metric.
         first: Whether the search ends with the first path; else it goes on to its limit.
+
+    Attributes:
+        history: (tries to grow, seconds, length) of each path of the last search that was shorter than those
+            before; the time to measure counts.
 
     Raises:
         UnknownNameError: No such parameter.
@@ -240,7 +262,7 @@ class OmplPlanner(WatchedPlanner):
         self.angles, self.first = angles, flag("first", first)
         self.traceable = planner in _ONE_TREE and self.resolution == 0 and self.first
         self._query: Query | None = None
-        self.history: list[tuple[int, float]] = []
+        self.history: list[tuple[int, float, float]] = []
 
     name = FAMILY
 
@@ -299,24 +321,32 @@ class OmplPlanner(WatchedPlanner):
         query.solve(self.seconds, watch)
         self.history = watch.history
 
-    def alone(self, problem: Problem, *, seed: int | None = None, step: float | None = None) -> Alone:
-        """Plan unwatched, as OMPL's users do: its own check of motions, its own rule for the end.
+    def alone(
+        self,
+        problem: Problem,
+        *,
+        seed: int | None = None,
+        step: float | None = None,
+        by_states: bool = True,
+    ) -> Alone:
+        """Plan unwatched, as OMPL's users do: its own rule for the end and, at a resolution, its own check.
 
         Args:
             problem: The problem.
             seed: As that of `guided_search`: the same seed has OMPL draw the same numbers.
             step: The range; 5 % of the workspace's diagonal by default.
+            by_states: Whether OMPL asks for each state of a motion; else we look at all of them in one call,
+                the same ones. Certified motions are always one call.
 
         Raises:
-            InvalidInputError: The planner has no resolution, or OMPL refuses the space.
+            InvalidInputError: OMPL refuses the space.
         """
-        if not self.resolution:
-            raise InvalidInputError("resolution: expected one above 0 for OMPL's own check, got 0")
         _, expansion_rng, rng = streams(seed)
         search = Search(problem, expansion_rng, rng, SearchOptions(step))
         began = time.process_time()
-        query = self._ready(search, self.resolution)
-        path = query.solve(self.seconds)
+        query = self._ready(search, self.resolution if by_states else 0.0)
+        watch = None if by_states and self.resolution else _Answers(query.states, self.resolution)
+        path = query.solve(self.seconds, watch)
         processor = time.process_time() - began
         free = path is not None and bool(problem.space.motions_free(path[:-1], path[1:]).all())
         return Alone(path, free, processor, query.questions.looks, query.edges())

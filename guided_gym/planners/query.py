@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from functools import cache
-from typing import Any
+from typing import Any, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,6 +16,20 @@ from guided_gym.problems import Problem
 from guided_gym.search.watch import State, Watch
 
 
+class Answers(Protocol):
+    """Who answers, such as a `Watch`."""
+
+    @property
+    def over(self) -> bool:
+        """Whether the planner may stop."""
+
+    def look(self, state: State) -> None:
+        """A state was looked at."""
+
+    def motion(self, first: State, second: State) -> bool:
+        """Whether a motion is free."""
+
+
 class Questions:
     """What OMPL asks while it plans.
 
@@ -23,7 +37,7 @@ class Questions:
     wrong is kept and raised when OMPL has returned: its threads must not be left as they are.
 
     Attributes:
-        watch: Who answers whether motions are free; None while nobody watches.
+        watch: Who answers whether motions are free; None where OMPL checks them itself.
         ending: OMPL's condition to end, to be told that the search is over.
         looks: How many states were looked at.
         trouble: What went wrong.
@@ -31,7 +45,7 @@ class Questions:
 
     def __init__(self, states: StateSpace) -> None:
         self._read, self._configuration, self._space = states.read, states.configuration, states.space
-        self.watch: Watch | None = None
+        self.watch: Answers | None = None
         self.ending: Any = None
         self.looks = 0
         self.trouble: BaseException | None = None
@@ -96,7 +110,7 @@ class Query:
         resolution: float = 0.0,
         first: bool = True,
     ) -> None:
-        self._ompl, base = ompl, ompl.base
+        self._ompl, self._first, base = ompl, first, ompl.base
         self.states = StateSpace(base, problem.space, cut)
         self.questions = Questions(self.states)
         with quiet(ompl):
@@ -123,11 +137,16 @@ class Query:
             self.planner.setProblemDefinition(self.definition)
             self._checked(self.planner.setup)  # before it can be freed: some planners cannot without
 
-    def solve(self, seconds: float, watch: Watch | None = None) -> NDArray[np.float64] | None:
+    def solve(self, seconds: float, watch: Answers | None = None) -> NDArray[np.float64] | None:
         """Plan for so long at most; the path that OMPL calls exact, if there is one."""
         questions = self.questions
         questions.watch = watch
-        questions.ending = self._ompl.base.timedPlannerTerminationCondition(seconds)
+        base = self._ompl.base
+        questions.ending = base.timedPlannerTerminationCondition(seconds)
+        if self._first and not isinstance(watch, Watch):  # AORRTC knows no path that is good enough
+            questions.ending = base.plannerOrTerminationCondition(
+                questions.ending, base.exactSolnPlannerTerminationCondition(self.definition)
+            )
         with quiet(self._ompl):
             self._checked(lambda: self.planner.solve(questions.ending))
         if questions.trouble is not None:

@@ -7,17 +7,17 @@ rebuilt from the questions, one by one, and each choice be measured on the tree 
 
 from __future__ import annotations
 
+import time
 from abc import ABC, abstractmethod
 from collections.abc import Callable
-from itertools import pairwise
 from typing import ClassVar, Final
 
 import numpy as np
 from numpy.typing import NDArray
 
-from guided_gym.kernels.metric import interpolate
+from guided_gym.kernels.metric import interpolate, separation
 from guided_gym.search.search import NO_NODE, Expansion, Search, Watcher
-from guided_gym.search.tree import NO_PARENT, ROOT
+from guided_gym.search.tree import ROOT
 
 State = tuple[float, ...]
 """A state in the other library's own numbers, by which it is known again."""
@@ -88,7 +88,7 @@ class Watch:
 
     Attributes:
         over: Whether the search has ended: every later motion is answered with False.
-        history: (samples, length) of each path that was shorter than the one before.
+        history: (tries to grow, seconds, length) of each path that was shorter than the one before.
     """
 
     def __init__(
@@ -113,8 +113,10 @@ class Watch:
         self._links: dict[State, list[State]] = {}  # free motions with no end in T
         self._looked: State | None = None
         self._left = limit
+        self._costs: dict[int, float] = {ROOT: 0.0}  # as far as they were asked for since the last rewiring
         self.over = search.solved and first
-        self.history: list[tuple[int, float]] = []
+        self.history: list[tuple[int, float, float]] = []
+        self._began = time.perf_counter()
         search.tries = dict.fromkeys(TRIES, 0)
 
     def look(self, state: State) -> None:
@@ -150,7 +152,6 @@ class Watch:
             pass
         elif one is not None and other is not None:
             self._shorten(one, other)
-            self._shorten(other, one)
         elif one is not None:
             self._join(one, second, target)
         elif other is not None:
@@ -201,13 +202,13 @@ class Watch:
     def _add(self, parent: int, state: State, q: NDArray[np.float64]) -> int:
         search, task = self._search, self._search.task
         a = search.tree.nodes.configurations[parent]
-        node = search.tree.add(q, parent, float(search.space.distance(a, q)))
+        node = search.tree.add(q, parent, separation(a, q, search.space.metric))
         self._nodes[state] = node
         self._states.append(state)
         if self._first and search.solved:
             return node
         if state == self._goal or (
-            task.tolerance > 0 and float(search.space.distance(q, search.goal)) <= task.tolerance
+            task.tolerance > 0 and separation(q, search.goal, search.space.metric) <= task.tolerance
         ):
             search.reach(node)
         elif task.by_edge and self._goal not in self._nodes:
@@ -230,23 +231,31 @@ class Watch:
         search = self._search
         if search.solved:
             cost = search.cost
-            if not self.history or cost < self.history[-1][1]:
-                self.history.append((search.samples, cost))
+            if not self.history or cost < self.history[-1][-1]:
+                spent = time.perf_counter() - self._began
+                self.history.append((self._limit - self._left, spent, cost))
             self.over = self.over or self._first
         self.over = self.over or self._left <= 0
 
     def _cost(self, node: int) -> float:
         """Length of the way from the start in the planner's metric, added up from there as planners do."""
-        way = [self._states[i] for i in self._search.tree.path_to(node).tolist()]
-        return sum(self._length(a, b) for a, b in pairwise(way))
+        costs, parents, way = self._costs, self._search.tree.nodes.parents, []
+        while node not in costs:
+            way.append(node)
+            node = int(parents[node])
+        cost = costs[node]
+        for child in reversed(way):
+            cost += self._length(self._states[node], self._states[child])
+            costs[child], node = cost, child
+        return cost
 
-    def _shorten(self, parent: int, child: int) -> None:
-        """Rewire ``child`` under ``parent`` if that is shorter; the motion between them is free."""
-        tree = self._search.tree
-        if int(tree.nodes.parents[child]) in (NO_PARENT, parent):
+    def _shorten(self, one: int, two: int) -> None:
+        """Rewire one of two nodes under the other if that is shorter; the motion between them is free."""
+        length = self._length(self._states[one], self._states[two])
+        parent, child = (one, two) if self._cost(one) <= self._cost(two) else (two, one)
+        if not self._cost(parent) + length < self._cost(child):
             return
-        new = self._cost(parent) + self._length(self._states[parent], self._states[child])
-        if not new < self._cost(child):
-            return
+        tree, space = self._search.tree, self._search.space
         a, b = tree.nodes.configurations[parent], tree.nodes.configurations[child]
-        tree.rewire(child, parent, float(self._search.space.distance(a, b)))
+        tree.rewire(child, parent, separation(a, b, space.metric))
+        self._costs = {ROOT: 0.0}

@@ -19,6 +19,7 @@ from shapely.geometry import box
 from guided_gym import (
     Environment,
     InvalidInputError,
+    Linkage,
     Problem,
     Robot,
     Search,
@@ -129,6 +130,20 @@ def test_watching_changes_nothing(name: str, cup: Problem) -> None:
     assert {frozenset(edge) for edge in edges(search) if goal not in edge} <= theirs
 
 
+def test_alone__one_call_for_a_motion_answers_as_one_for_each_state(cup: Problem) -> None:
+    watched = planner("RRTConnect", resolution=0.002)
+    one, other = watched.alone(cup, seed=0), watched.alone(cup, seed=0, by_states=False)
+    assert one.tree == other.tree
+    assert one.looks > other.looks
+
+
+def test_alone__with_certified_motions_no_path_collides(cup: Problem) -> None:
+    for name in ("RRT", "FMT", "AORRTC"):
+        alone = planner(name).alone(cup, seed=0)
+        assert alone.path is not None
+        assert alone.free
+
+
 @pytest.mark.parametrize("name", [*SINGLE, *TWO, "LBKPIECE1", "AORRTC"])
 def test_same_seed_same_tree__in_one_process(name: str, cup: Problem) -> None:
     """OMPL takes a seed late, though it complains."""
@@ -186,7 +201,7 @@ def test_first_false__goes_on_for_shorter_paths(cup: Problem) -> None:
     longer = guided_search(cup, watched, seed=0, max_samples=800, measure=False)
     assert longer.samples == 800 > once.samples
     assert longer.length < once.length
-    lengths = [length for _, length in watched.history]
+    lengths = [length for _, _, length in watched.history]
     assert lengths == sorted(lengths, reverse=True)
     assert lengths[-1] == pytest.approx(longer.length)
 
@@ -253,6 +268,36 @@ def test_space__in_which_a_planner_cannot_sample_is_refused() -> None:
     assert Query(ompl, problem, "BITstar", cut=True, resolution=0.01).solve(2.0) is not None
     for name in ("RRT", "KPIECE1", "FMT", "PRM"):
         assert Query(ompl, problem, name, resolution=0.01).solve(2.0) is not None
+
+
+@pytest.fixture(scope="module", params=[None, 2.5], ids=["turning", "limited"])
+def arm(request: pytest.FixtureRequest) -> Problem:
+    """Three links that turn freely, or not, between two blocks."""
+    environment = Environment((0, 0, 10, 10), (box(7.6, 4.2, 10, 5), box(2, 6.3, 4.2, 7)))
+    links = Linkage.arm([1.3] * 3, 0.15, base=(5, 5), limits=request.param)
+    task = Task((0.5, 0.4, -0.3), (-2.0, -0.5, 0.4))
+    return Problem(links, environment, task)
+
+
+@pytest.mark.parametrize("name", ["RRT", "RRTstar", "RRTConnect", "KPIECE1", "FMT"])
+def test_arm__is_planned_for_like_any_robot(name: str, arm: Problem) -> None:
+    search, query = grown(name, arm, 0)
+    assert search.solved
+    mine = {frozenset(edge) for edge in edges(search)}
+    own = {frozenset(edge) for edge in own_edges(query)}
+    assert mine == own if name in SINGLE else mine <= own  # the goal was seen before the trees met
+    path = search.path()
+    assert path is not None
+    assert arm.space.motions_free(path[:-1], path[1:]).all()
+
+
+def test_arm__whose_joints_turn_freely_is_refused_by_those_that_sample_ellipses(arm: Problem) -> None:
+    if (arm.space.periods == 0).all():
+        assert guided_search(arm, "ompl:BITstar", seed=0, measure=False).solved
+        return
+    with pytest.raises(InvalidInputError, match="angles=cut"):
+        guided_search(arm, "ompl:BITstar", seed=0, measure=False)
+    assert guided_search(arm, "ompl:BITstar(angles=cut)", seed=0, measure=False).solved
 
 
 # Traps ------------------------------------------------------------------------------------------------------

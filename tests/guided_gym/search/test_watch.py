@@ -153,7 +153,8 @@ def test_first_false__goes_on_and_keeps_the_shortest() -> None:
     assert not watch.over
     watch.motion(START, (4.5, 9.2))
     watch.motion((4.5, 9.2), (5.5, 9.2))
-    (one, long), (two, short) = watch.history
+    (one, early, long), (two, late, short) = watch.history
+    assert early < late
     assert (one, two) == (2, 4)
     assert short < long
     assert search.cost == pytest.approx(short)

@@ -1,0 +1,75 @@
+#!/usr/bin/env bash
+# OMPL's PRM grows another roadmap in each run, with the same seed.
+# Expected: RNG.setSeed(1) before anything else: five runs end with the same roadmap
+# Seen: roadmaps of different sizes: a thread that sleeps looks for the solution, so the clock decides
+#   when growing ends
+# Exits with 0 if that is still so, with 1 if it has changed.
+set -euo pipefail
+folder=$(mktemp -d)
+trap 'rm -rf "$folder"' EXIT
+python3 -m venv "$folder/venv"
+"$folder/venv/bin/pip" install --quiet --disable-pip-version-check ompl==2.0.1
+"$folder/venv/bin/python" - <<'PYTHON'
+import importlib.metadata
+import sys
+
+from ompl import base, geometric, util
+
+
+def planned(name, valid=lambda state: True, start=(1.0, 1.0), goal=(9.0, 9.0), seed=1):
+    """A set-up in a square of 10 by 10 with one planner."""
+    util.setLogLevel(util.LOG_NONE)
+    util.RNG.setSeed(seed)
+    plane, bounds = base.RealVectorStateSpace(2), base.RealVectorBounds(2)
+    bounds.setLow(0.0)
+    bounds.setHigh(10.0)
+    plane.setBounds(bounds)
+    setup = geometric.SimpleSetup(plane)
+    setup.setStateValidityChecker(valid)
+    setup.setStartAndGoalStates(state(plane, start), state(plane, goal), 1e-9)
+    setup.setPlanner(getattr(geometric, name)(setup.getSpaceInformation()))
+    return setup
+
+
+def state(plane, values):
+    made = plane.allocState()
+    made[0], made[1] = values
+    return made
+
+
+def wall(state):
+    """Free beside a wall from below that leaves a gap."""
+    return not (4.5 < state[0] < 5.5 and state[1] < 8)
+
+
+def data_of(setup):
+    data = base.PlannerData(setup.getSpaceInformation())
+    setup.getPlanner().getPlannerData(data)
+    return data
+
+
+def limit(seconds=2.0):
+    return base.timedPlannerTerminationCondition(seconds)
+
+
+def main():
+    sizes = []
+    for _ in range(8):
+        setup = planned("PRM", wall)
+        setup.solve(limit())
+        sizes.append(data_of(setup).numVertices())
+    tree = []
+    for _ in range(8):
+        setup = planned("RRT", wall)
+        setup.solve(limit())
+        tree.append(data_of(setup).numVertices())
+    print("vertices of PRM with one seed:", sizes)
+    print("vertices of RRT with one seed:", tree)
+    return len(set(sizes)) > 1 and len(set(tree)) == 1
+
+
+print("ompl", importlib.metadata.version("ompl"))
+seen = main()
+print("as described" if seen else "the behaviour has changed")
+sys.exit(0 if seen else 1)
+PYTHON
