@@ -8,7 +8,8 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Sequence
-from functools import lru_cache
+from dataclasses import replace
+from functools import lru_cache, partial
 from pathlib import Path
 from typing import Any, Final, Protocol
 
@@ -18,11 +19,13 @@ import shapely
 from guided_gym.checks import instance, integer, number
 from guided_gym.errors import InvalidInputError
 from guided_gym.geometry.environment import Environment
+from guided_gym.geometry.linkages import Linkage
 from guided_gym.geometry.mechanism import Mechanism
 from guided_gym.geometry.robots import Robot, rigid
 from guided_gym.geometry.space import ConfigurationSpace
 from guided_gym.guidance.solvers.base import Floats
 from guided_gym.guidance.subspace import Subspace
+from guided_gym.kernels.metric import Metric
 from guided_gym.storage.path_file import PathDatabase
 from guided_gym.storage.path_library import PathLibrary
 
@@ -118,6 +121,81 @@ class Disc(Point):
         return _space(space, _disc_of(rigid(space.robot, "disc"), self.outer), environment)
 
 
+class Body:
+    """r' moves like r, with other bodies (inner and outer bodies): C' has the states of C.
+
+    Args:
+        change: Outline to the one in its place.
+    """
+
+    keeps = True
+
+    def __init__(self, change: Callable[[Any], Any]) -> None:
+        self.change = change
+
+    def space(self, space: ConfigurationSpace, environment: Environment, start: Floats) -> ConfigurationSpace:
+        """The space of the robot with the other bodies."""
+        return _space(space, _with_bodies(space.robot, self.change), environment)
+
+    def project(self, q: Floats) -> Floats:
+        """The identity."""
+        return q
+
+
+class Inner(Body):
+    """r' has thin bodies, the middle line of each: optimistic, where the robot goes, it goes."""
+
+    def __init__(self) -> None:
+        super().__init__(_middle_line)
+
+
+class Outer(Body):
+    """r' has larger bodies: conservative, where it goes, the robot goes.
+
+    Args:
+        margin: By how much they are larger than the convex hulls of the robot's (length).
+    """
+
+    def __init__(self, margin: float = 0.0) -> None:
+        self.margin = number("margin", margin, least=0)
+        super().__init__(partial(_larger, margin=self.margin))
+
+
+class Links:
+    """r' is the first links of an arm, or snake, as if the others could not hit: optimistic.
+
+    The links behind are the easier to move the farther behind they are; what is hard is decided by the first
+    ones. In contrast to ``subset``, the others are not frozen but gone.
+
+    Args:
+        links: How many; as many as there are joints is the robot itself.
+    """
+
+    keeps = False
+
+    def __init__(self, links: int = 2) -> None:
+        self.links = integer("links", links, least=1)
+
+    def space(self, space: ConfigurationSpace, environment: Environment, start: Floats) -> ConfigurationSpace:
+        """The space of the shorter arm.
+
+        Raises:
+            InvalidInputError: A robot without joints, or one with fewer.
+        """
+        robot = space.robot
+        if not (isinstance(robot, Linkage) and self.links <= len(robot.joints)):
+            joints = len(robot.joints) if isinstance(robot, Linkage) else 0
+            raise InvalidInputError(
+                f"links: expected a robot with at least {self.links} joints, got {robot.name!r} with {joints}"
+            )
+        self._kept = self.links + 2 * robot.mobile
+        return _space(space, _first_links(robot, self.links), environment)
+
+    def project(self, q: Floats) -> Floats:
+        """(n, d') the first coordinates."""
+        return q[:, : self._kept]
+
+
 class Subset:
     """r' has some of the degrees of freedom; the others stay as they are at the start (freezing joints).
 
@@ -200,17 +278,71 @@ def _space(space: ConfigurationSpace, robot: Mechanism, environment: Environment
     """(r', E') with the metric of C, as far as r' has its coordinates; kept, since problems come again."""
     if isinstance(robot, Robot):
         return _kept_space(robot, environment, float(space.weights[2]) if robot.dimension == 3 else None)
-    return _kept_space(robot, environment, space.rotation_weight)
+    weights = tuple(space.weights[: robot.dimension].tolist())
+    return _kept_space(robot, environment, space.rotation_weight, weights)
 
 
 @lru_cache(maxsize=64)
-def _kept_space(robot: Mechanism, environment: Environment, weight: float | None) -> ConfigurationSpace:
-    return ConfigurationSpace(robot, environment, weight)
+def _kept_space(
+    robot: Mechanism,
+    environment: Environment,
+    weight: float | None,
+    weights: tuple[float, ...] | None = None,
+) -> ConfigurationSpace:
+    made = ConfigurationSpace(robot, environment, weight)
+    if weights is not None and weights != tuple(
+        made.weights.tolist()
+    ):  # other bodies reach less far, or farther
+        made.weights = np.array(weights)
+        made.weights.flags.writeable = False
+        made.metric = Metric(made.weights, made.periods)
+    return made
 
 
 @lru_cache(maxsize=8)
 def _body(make: Callable[[], Robot]) -> Robot:
     return make()
+
+
+def _middle_line(outline: Any) -> Any:
+    """The longest part of the middle line of the narrowest rectangle around a polygon that is inside."""
+    if not isinstance(outline, shapely.Polygon):
+        return outline
+    corners = shapely.get_coordinates(outline.minimum_rotated_rectangle)[:4]
+    if math.dist(corners[0], corners[1]) < math.dist(corners[1], corners[2]):
+        corners = np.roll(corners, -1, axis=0)
+    ends = 0.5 * (corners[[0, 1]] + corners[[3, 2]])
+    inside = shapely.get_parts(outline.intersection(shapely.LineString(ends)))
+    return max(inside, key=lambda part: part.length)
+
+
+def _larger(outline: Any, margin: float) -> Any:
+    hull = outline.convex_hull
+    return hull.buffer(margin, quad_segs=2) if margin > 0 else hull
+
+
+@lru_cache(maxsize=64)
+def _with_bodies(robot: Mechanism, change: Callable[[Any], Any]) -> Mechanism:
+    if isinstance(robot, Linkage):
+        bodies = tuple(replace(body, outline=change(body.outline)) for body in robot.bodies)
+        return replace(robot, bodies=bodies)
+    if isinstance(robot, Robot):
+        return replace(robot, outline=change(robot.outline))
+    raise InvalidInputError(f"bodies: expected a planar robot, got {robot.name!r}")
+
+
+@lru_cache(maxsize=64)
+def _first_links(robot: Linkage, links: int) -> Linkage:
+    """The robot without the joints behind the first ones; its tool is where the next one would be."""
+    if links == len(robot.joints):
+        return robot
+    after = robot.joints[links]
+    tool = (after.parent, after.offset) if after.parent >= 0 else (links - 1, (0.0, 0.0))
+    if robot.tool[0] < links:
+        tool = robot.tool
+    bodies = tuple(body for body in robot.bodies if body.joint < links)
+    name = f"first {links} links of {robot.name}"
+    return replace(robot, joints=robot.joints[:links], bodies=bodies, tool=tool, name=name)
 
 
 @lru_cache(maxsize=64)
@@ -374,6 +506,9 @@ ROBOTS: Final[dict[str, Callable[..., Any]]] = {
     "same": SameRobot,
     "point": Point,
     "disc": Disc,
+    "inner": Inner,
+    "outer": Outer,
+    "links": Links,
     "subset": Subset,
     "principal": Principal,
 }

@@ -14,6 +14,7 @@ import shapely
 from guided_gym.catalogue.table import make_distribution
 from guided_gym.errors import InvalidInputError
 from guided_gym.geometry.environment import Environment
+from guided_gym.geometry.linkages import Linkage
 from guided_gym.geometry.robots import Robot
 from guided_gym.guidance import modifications as m
 from guided_gym.guidance.composed import Composed
@@ -34,6 +35,12 @@ def posed(robot: Robot | None = None) -> Problem:
     return Problem(robot, E, Task((1.5, 1.5, *turn), (8.7, 6.0, *turn)))
 
 
+def reaching() -> Problem:
+    """An arm of four links between the corner and the block."""
+    arm = Linkage.arm([0.8] * 4, 0.1, base=(5.0, 5.0), limits=(-3.0, 3.0))
+    return Problem(arm, Environment(E.bounds, (BLOCK, shapely.box(7, 6, 8, 8))), Task([0.0] * 4, [2.0] * 4))
+
+
 def library(problem: Problem) -> PathLibrary:
     rng = np.random.default_rng(0)
     return PathLibrary.from_paths(
@@ -46,13 +53,35 @@ ROBOTS: dict[str, Callable[[], Any]] = {
     "point": m.Point,
     "disc": m.Disc,
     "disc(outer=true)": lambda: m.Disc(outer=True),
+    "inner": m.Inner,
+    "outer": m.Outer,
+    "outer(0.1)": lambda: m.Outer(0.1),
     "subset": m.Subset,
     "subset([0, 2])": lambda: m.Subset([0, 2]),
     "subset(1)": lambda: m.Subset(1),
     "principal": lambda: m.Principal(library(posed())),
     "principal of 3": lambda: m.Principal(library(posed()), dimensions=3),
 }
-DIMENSIONS = {"same": 3, "subset(1)": 1, "principal of 3": 3}  # d', where it is not 2
+ARMS: dict[str, Callable[[], Any]] = {
+    "same": m.SameRobot,
+    "point": m.Point,
+    "inner": m.Inner,
+    "outer": lambda: m.Outer(0.05),
+    "links": m.Links,
+    "links(3)": lambda: m.Links(3),
+    "links(4)": lambda: m.Links(4),
+    "subset([0, 2])": lambda: m.Subset([0, 2]),
+    "principal": lambda: m.Principal(library(reaching())),
+}
+DIMENSIONS = {
+    "same": 3,
+    "inner": 3,
+    "outer": 3,
+    "outer(0.1)": 3,
+    "subset(1)": 1,
+    "principal of 3": 3,
+}  # d', where it is not 2
+OF_ARMS = {"same": 4, "inner": 4, "outer": 4, "links(3)": 3, "links(4)": 4}  # likewise
 ENVIRONMENTS: dict[str, Callable[[], Any]] = {
     "same": m.SameEnvironment,
     "nothing": m.Nothing,
@@ -65,15 +94,16 @@ ENVIRONMENTS: dict[str, Callable[[], Any]] = {
 
 
 def test_tables__have_a_row_here() -> None:
-    assert {name.partition("(")[0].partition(" ")[0] for name in ROBOTS} == set(m.ROBOTS)
+    names = [*ROBOTS, *ARMS]
+    assert {name.partition("(")[0].partition(" ")[0] for name in names} == set(m.ROBOTS)
     assert set(ENVIRONMENTS) == set(m.ENVIRONMENTS)
 
 
-@pytest.mark.parametrize("name", ROBOTS)
-def test_project__agrees_on_one_and_many_and_with_the_space(name: str) -> None:
-    problem, made = posed(), ROBOTS[name]()
+@pytest.mark.parametrize(("name", "arm"), [*((n, False) for n in ROBOTS), *((n, True) for n in ARMS)])
+def test_project__agrees_on_one_and_many_and_with_the_space(name: str, arm: bool) -> None:
+    problem, made = (reaching(), ARMS[name]()) if arm else (posed(), ROBOTS[name]())
     space = made.space(problem.space, problem.environment, problem.task.start)
-    assert space.dimension == DIMENSIONS.get(name, 2)
+    assert space.dimension == (OF_ARMS if arm else DIMENSIONS).get(name, 2)
     q = problem.space.sample(np.random.default_rng(0), 30)
     kept = q.copy()
     states = made.project(q)
@@ -93,6 +123,8 @@ def test_project__agrees_on_one_and_many_and_with_the_space(name: str) -> None:
         origin = made._slice.origin
         unrolled = problem.space.difference(origin, q[:15]) - problem.space.difference(origin, q[15:])
         whole = np.linalg.norm(unrolled * problem.space.weights, axis=1)
+    if arm and name == "point":  # each joint moves the tool by its turn times its reach, and they add up
+        whole = np.abs(problem.space.difference(q[:15], q[15:]) * problem.space.weights).sum(axis=1)
     assert (space.distance(states[:15], states[15:]) <= whole * (1 + 1e-9)).all()
 
 
@@ -120,6 +152,45 @@ def test_discs__lie_inside_and_outside(robot: Robot) -> None:
     for angle in np.linspace(0, 2 * np.pi, 50):  # however it turns
         assert outer.outline.buffer(1e-9).covers(robot.placed((0.0, 0.0, angle)))
         assert hollow or robot.placed((0.0, 0.0, angle)).buffer(1e-9).covers(inner.outline)
+
+
+def test_inner_and_outer_bodies__are_optimistic_and_conservative() -> None:
+    for problem in (posed(), posed(NOTCHED), reaching()):
+        q = problem.space.sample(np.random.default_rng(0), 3000)
+        valid = problem.space.valid(q)
+        inner, outer = (
+            made.space(problem.space, problem.environment, problem.task.start).valid(q)
+            for made in (m.Inner(), m.Outer(0.05))
+        )
+        assert valid[outer].all() and inner[valid].all()
+        assert outer.sum() < valid.sum() < inner.sum()
+
+
+def test_links__are_those_of_the_arm_and_optimistic() -> None:
+    problem = reaching()
+    made = m.Links(2)
+    space = made.space(problem.space, problem.environment, problem.task.start)
+    q = problem.space.sample(np.random.default_rng(0), 3000)
+    states = np.ascontiguousarray(made.project(q))
+    for i in range(20):
+        whole, first = problem.robot.place(q[i]), space.robot.place(states[i])
+        assert all(shapely.equals_exact(a, b, 1e-12) for a, b in zip(whole[:2], first, strict=True))
+        assert space.robot.position(states[i]) == pytest.approx(problem.robot.frames(q[i])[0][2])
+    valid, easier = problem.space.valid(q), space.valid(states)
+    assert easier[valid].all() and easier.sum() > valid.sum()
+
+
+@pytest.mark.parametrize(("robot", "joints"), [(posed, 0), (reaching, 4)])
+def test_links__says_which_robots_it_takes(robot: Callable[[], Problem], joints: int) -> None:
+    problem = robot()
+    with pytest.raises(InvalidInputError, match=f"links: expected a robot with at least 5 .* with {joints}"):
+        m.Links(5).space(problem.space, problem.environment, problem.task.start)
+
+
+def test_point__of_an_arm_is_its_tool_in_the_workspace() -> None:
+    problem, made = reaching(), m.Point()
+    assert made.space(problem.space, E, problem.task.start).dimension == 2
+    assert made.project(problem.task.start[None]) == pytest.approx(np.array([[8.2, 5.0]]))
 
 
 def test_subset__of_positions_keeps_the_heading() -> None:
