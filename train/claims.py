@@ -125,9 +125,15 @@ def paper_claims() -> list[Claim]:
     ]
 
 
-def own_checks(results: Results) -> list[Claim]:
-    """What the paper does not claim, and one would like to know, of whatever was evaluated."""
-    return [*_solved_checks(results), *_oracle_checks(results), *_database_checks()]
+def own_checks(results: Results, drawn: bool = True) -> list[Claim]:
+    """What the paper does not claim, and one would like to know, of whatever was evaluated.
+
+    Args:
+        results: Of the searches.
+        drawn: Whether path databases of drawn problems are among them.
+    """
+    databases = _database_checks() if drawn else ()
+    return [*_solved_checks(results), *_oracle_checks(results), *databases]
 
 
 def _rrt_claims() -> Iterator[Claim]:

@@ -316,18 +316,26 @@ def reproduce(
         bool,
         typer.Option("--ompl", help="OMPL's planners beside the paper's guidances instead (docs/ompl.md)."),
     ] = False,
+    arms: Annotated[
+        bool, typer.Option("--arms", help="Ask the claims anew of an arm, in the folder's subfolder arms.")
+    ] = False,
 ) -> None:
     """Run the paper's experiments, draw its figures and check its claims. Call it again to resume."""
     from guided_gym.train.report import note_evaluation
     from guided_gym.train.reproduction import reproduce as run
-    from guided_gym.train.reproduction import save_report
+    from guided_gym.train.reproduction import reproduce_arms, save_report
 
     if ompl:
         _reproduce_ompl(seeds, workers, out)
         return
-    with progress_bar("Reproducing the paper", out) as progress:
-        doing = chosen(executor, address, workers)
-        report = run(seeds=seeds, workers=doing, out=out, baselines=baselines, progress=progress)
+    doing = chosen(executor, address, workers)
+    if arms:
+        out, figures = out / "arms", False  # the figures are of the plane
+        with progress_bar("Asking of an arm", out) as progress:
+            report = reproduce_arms(seeds=seeds, workers=doing, out=out, progress=progress)
+    else:
+        with progress_bar("Reproducing the paper", out) as progress:
+            report = run(seeds=seeds, workers=doing, out=out, baselines=baselines, progress=progress)
     with drawing_status(figures) as drawn:
         written = save_report(report, out, figures=figures, drawn=drawn)
     note_evaluation(out, report.plans, range(seeds), _command_line(context))

@@ -9,6 +9,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from guided_gym.compute.workers import Workers
+from guided_gym.train.arm_claims import ARM, arm_claims
+from guided_gym.train.arm_claims import GUIDANCES as ARM_GUIDANCES
 from guided_gym.train.claims import (
     DATABASE_SIZES,
     DRAWN,
@@ -82,6 +84,21 @@ def paper_plans(database: Path, baselines: bool = False) -> list[Plan]:
         )
         plans.append(Plan(DRAWN, spec))
     return plans
+
+
+def reproduce_arms(
+    *,
+    seeds: int = SEEDS,
+    workers: Workers = 1,
+    out: str | Path = "results/arms",
+    progress: Progress | None = None,
+) -> Report:
+    """Ask the paper's claims anew of an arm (`guided_gym.train.arm_claims`); arguments as `reproduce`."""
+    checked_seeds(seeds)
+    plans = [Plan(ARM, GuidanceSpec(name)) for name in ARM_GUIDANCES]
+    results = run_plans(plans, seeds=seeds, workers=workers, out=out, progress=_named(progress, "Searching"))
+    asked = check_claims(results, arm_claims())
+    return Report(results, asked, check_claims(results, own_checks(results, drawn=False)), plans)
 
 
 def reproduce(
