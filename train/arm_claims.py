@@ -11,6 +11,7 @@ from typing import Final
 
 from guided_gym.train.claims import EARLY, MARGIN, Claim, gets_worse, lower, no_worse
 from guided_gym.train.results import Key
+from guided_gym.train.specs import GuidanceSpec
 
 ARM: Final = "PlanarArm4"
 WAVE: Final = "wave(robot=point)"
@@ -28,7 +29,7 @@ def arm_claims() -> list[Claim]:
 
 
 def _key(guidance: str) -> Key:
-    return ARM, guidance
+    return ARM, GuidanceSpec(guidance).label
 
 
 def _claims() -> Iterator[Claim]:

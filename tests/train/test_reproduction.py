@@ -10,8 +10,11 @@ import pytest
 from typer.testing import CliRunner
 
 from guided_gym.train import claims, cli, drawing, reproduction
+from guided_gym.train.arm_claims import ARM, arm_claims
+from guided_gym.train.arm_claims import GUIDANCES as ARM_GUIDANCES
 from guided_gym.train.claims import paper_claims
 from guided_gym.train.reproduction import OWN_TITLE, PAPER_TITLE, paper_plans
+from guided_gym.train.specs import GuidanceSpec
 
 SIZES = (2, 3, 4)
 
@@ -34,6 +37,12 @@ def test_plans__are_the_papers() -> None:
     needed = {key for claim in paper_claims() for key in claim.needs}
     assert needed <= {(plan.environment, plan.spec.label) for plan in plans}
     assert len(paper_plans(Path("paths.sqlite"), baselines=True)) == len(plans) + 4 * 2
+
+
+def test_arm_claims__ask_of_what_is_run() -> None:
+    labels = {GuidanceSpec(name).label for name in ARM_GUIDANCES}
+    assert {key for claim in arm_claims() for key in claim.needs} <= {(ARM, label) for label in labels}
+    assert len(arm_claims()) == 9
 
 
 @pytest.mark.usefixtures("small")
