@@ -10,6 +10,7 @@ from typing import Final
 import numpy as np
 
 from guided_gym.catalogue.table import make_distribution
+from guided_gym.options import OracleOptions, SearchOptions
 from guided_gym.planning import guided_search
 
 PROBLEMS: Final = ("TrapCup", "HardStickMaze", "RandomPointMaze")
@@ -38,6 +39,7 @@ def steps() -> Iterator[tuple[str, Callable[[], object]]]:
             if not (guidance.startswith("learned") and name != "TrapCup"):
                 yield f"{guidance} on {name}", partial(_search, name, guidance)
     yield "choosing who guides", _selection
+    yield "robots with joints", _arm
 
 
 def warm_up(said: Callable[[str, float], None]) -> float:
@@ -67,6 +69,14 @@ def _environments(name: str) -> None:
 
 def _search(name: str, guidance: str) -> None:
     guided_search(make_distribution(name).problem(0), guidance, seed=0, max_samples=_SAMPLES)
+
+
+def _arm() -> None:
+    # Its oracle takes seconds and compiles nothing that a few vertices do not.
+    options = SearchOptions(oracle=OracleOptions(resolution=(200,)))
+    problem = make_distribution("PlanarArm2").problem(0)
+    for guidance in ("rrt", "lazy_prm"):
+        guided_search(problem, guidance, seed=0, max_samples=_SAMPLES, options=options)
 
 
 def _selection() -> None:
