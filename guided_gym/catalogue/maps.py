@@ -518,9 +518,7 @@ def movingai_cells(path: Path) -> npt.NDArray[np.bool_]:
     header = [line.split() for line in lines[:4]]
     names = [words[0].lower() if words else "" for words in header]
     if names != ["type", "height", "width", "map"]:
-        raise StorageError(
-            f"{path}: expected lines type, height, width and map at first, got {shown(names)}"
-        )
+        raise StorageError(f"{path}: expected lines type, height, width and map at first, got {shown(names)}")
     sizes = []
     for line, words in enumerate(header[1:3], start=2):
         if len(words) != 2 or not words[1].isdecimal() or not 0 < len(words[1]) < 8 or not int(words[1]):
