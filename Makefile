@@ -4,7 +4,7 @@ RESULTS ?= results
 SHELL := bash
 .DEFAULT_GOAL := help
 .DELETE_ON_ERROR:
-.PHONY: help run test lint types bench docs clean
+.PHONY: help run test lint types bench faults docs clean
 
 # Neither the caller's packages nor files in the current folder may stand in for the installed package.
 unexport PYTHONPATH PYTHONHOME
@@ -37,6 +37,11 @@ test: lint types ## Check everything, as CI does: style, types, tests and docs, 
 		"$(CURDIR)/$(TEST)/bin/python" -m pytest "$(CURDIR)/tests" --rootdir "$(CURDIR)" \
 		-c "$(CURDIR)/pyproject.toml" --import-mode=importlib -p no:cacheprovider \
 		--numprocesses auto $(PYTEST_ARGS))
+
+# From the checkout, but with the installed package: -P keeps the checkout's folders behind it.
+faults: $(TEST)/.installed ## Try all promises against references and damage of every kind (see docs/reliability.md)
+	@$(TEST)/bin/python -P -c 'import runpy, sys; sys.path.append("."); \
+		runpy.run_module("faults", run_name="__main__", alter_sys=True)' $(FAULTS_ARGS)
 
 lint: $(TEST)/.dependencies ## Check style and formatting (ruff)
 	@$(TEST)/bin/ruff check .

@@ -21,7 +21,7 @@ import numpy as np
 import numpy.typing as npt
 import shapely
 
-from guided_gym.checks import number
+from guided_gym.checks import number, shown
 from guided_gym.errors import GuidedGymError, InvalidInputError, StorageError
 from guided_gym.geometry.environment import Environment
 from guided_gym.geometry.occupancy import MOST_CELLS, UNKNOWN
@@ -518,7 +518,7 @@ def movingai_cells(path: Path) -> npt.NDArray[np.bool_]:
     header = [line.split() for line in lines[:4]]
     names = [words[0].lower() if words else "" for words in header]
     if names != ["type", "height", "width", "map"]:
-        raise StorageError(f"{path}: expected lines type, height, width and map at first, got {names}")
+        raise StorageError(f"{path}: expected lines type, height, width and map at first, got {shown(names)}")
     sizes = []
     for line, words in enumerate(header[1:3], start=2):
         if len(words) != 2 or not words[1].isdecimal() or not 0 < len(words[1]) < 8 or not int(words[1]):

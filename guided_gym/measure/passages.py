@@ -60,7 +60,8 @@ class Roadmap:
         rows = np.concatenate([np.full(known.size, n), self.first, self.second])
         columns = np.concatenate([known, self.second, self.first])
         weights = np.concatenate([values[known], self.lengths, self.lengths])
-        graph = coo_array((np.maximum(weights, 1e-300), (rows, columns)), shape=(n + 1, n + 1)).tocsr()
+        places = rows.astype(np.int32), columns.astype(np.int32)  # before scipy 1.15 nothing else is taken
+        graph = coo_array((np.maximum(weights, 1e-300), places), shape=(n + 1, n + 1)).tocsr()
         return np.asarray(dijkstra(graph, indices=n)[:n], np.float64)
 
 

@@ -1,0 +1,1 @@
+"""The hostile campaign: what this package promises, tried against references and damage of every kind."""
