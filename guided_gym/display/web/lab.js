@@ -83,6 +83,7 @@
     doc = found;
     selected = null; drawn = null;
     $("name").value = name;
+    if (!view.robot) $("hint").textContent = "Getting ready … (the first time on a machine, kernels compile for up to a minute)";
     stage.setScene({ ...scene(), robot: view.robot || { joints: [], bodies: [], tip: { joint: -1, point: [0, 0] } }, start: null, goal: null });
     view = { ...view, robot: null };
     changed();
@@ -96,6 +97,7 @@
       try {
         const answer = await ask("view", { document: doc });
         if (mine !== asked) return;
+        if (!view.robot) use(tool); // says what it does
         view = { ...answer, robot: answer.robot || view.robot, metric: answer.metric || view.metric };
         $("trouble").textContent = answer.trouble || "";
         fit(answer.robot);
