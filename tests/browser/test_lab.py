@@ -35,7 +35,7 @@ def page(lab: tuple[str, Path], open_page: Any) -> Any:
 
 def ready(page: Any) -> Any:
     """The page, once it shows its first problem."""
-    until(page, "window.lab && lab.document && lab.stage.scene && lab.stage.scene.robot")
+    until(page, "window.lab && lab.document && lab.ready && lab.stage.scene", SECONDS)
     return page
 
 
@@ -66,7 +66,7 @@ def drag(page: Any, start: tuple[float, float], end: tuple[float, float]) -> Non
 
 def empty_room(page: Any) -> None:
     page.get_by_label("Open a problem").select_option("new")
-    until(page, "lab.document.obstacles.length === 0 && lab.stage.scene.obstacles.length === 0")
+    until(page, "lab.document.obstacles.length === 0 && lab.stage.scene.obstacles.length === 0 && lab.ready")
 
 
 def test_lab__from_nothing_to_a_problem_drawn_solved_replayed_and_saved(
