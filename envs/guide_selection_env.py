@@ -48,11 +48,10 @@ class GuideSelectionEnv(gymnasium.Env[NDArray[np.float32], int]):
         `guided_gym.guidance.rules.GuideColumn` of each guiding space; nothing of the oracle.
 
     Rewards, invalid actions, episode end, info and randomness:
-        As in `GuidedSearchEnv`: a guiding space that there is not counts as a sample and changes nothing.
+        As in `GuidedSearchEnv`. An index without a guiding space counts as a sample and changes nothing.
 
-        All there are may be chosen at any time (`action_masks`).
-        ``reset(seed=k)`` gives the tree that ``guided_search`` gives with a `Hybrid`
-        of the same guides, if its rule makes the same choices.
+        All guiding spaces may be chosen at any time (`action_masks`). ``reset(seed=k)`` gives the tree that
+        ``guided_search`` gives with a `Hybrid` of the same guides, if its rule makes the same choices.
 
     Args:
         distribution: Name in the catalogue, a distribution, or a problem.

@@ -314,12 +314,12 @@ def database(
     baseline: Interval | None = None,
     title: str | None = None,
 ) -> Figure:
-    """SE (left) and time of a query (right) over the number of paths in the database, with 95 % intervals.
+    """SE (left) and time per query (right) over the number of paths in the database, with 95 % intervals.
 
     Args:
         sizes: (k,) numbers of paths.
         efficiency: (k,) SE per sample.
-        seconds: (k,) time of a query.
+        seconds: (k,) time per query.
         baseline: SE per sample of RRT, which has no database.
         title: Title of the figure.
 

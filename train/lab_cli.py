@@ -22,7 +22,7 @@ def lab(
     ] = Path("."),
     port: Annotated[int, typer.Option(help="Port of 127.0.0.1; 0 for any that is free.")] = 8765,
     browser: Annotated[bool, typer.Option("--browser/--no-browser", help="Open a browser.")] = True,
-    seconds: Annotated[float, typer.Option(min=1, help="Time that a search may take.")] = 120.0,
+    seconds: Annotated[float, typer.Option(min=1, help="Time that a search may take.")] = 300.0,
     memory: Annotated[int, typer.Option(min=1024, help="Memory that a search may take, in MB.")] = 4096,
 ) -> None:
     """Draw problems, run searches and watch them, in a page of this machine."""

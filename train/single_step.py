@@ -143,8 +143,8 @@ def single_step(
 
     Args:
         environment: Name from the catalogue.
-        guidances: Who is judged.
-        harvesters: Whose searches grow the trees; the guidances themselves if empty.
+        guidances: The guidances that are judged.
+        harvesters: The guidances whose searches grow the trees; if empty, those that are judged.
         seeds: How many, counted from 0, or which; each is a search of every harvester.
         moments: Trees that are taken of a search.
         workers: Processes, or another executor, such as `guided_gym.OnRay`.

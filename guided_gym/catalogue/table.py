@@ -52,7 +52,7 @@ def simple_passage() -> Problem:
 
 
 def cup_problem() -> Problem:
-    """A C-shaped dead end on the straight way: whoever ignores obstacles walks into it."""
+    """A C-shaped dead end on the straight way: it misleads planners that ignore obstacles."""
     obstacles = cup(3.5, 7.0, 2.5, 7.5, 0.5)
     regions: dict[str, BaseGeometry] = {"cup": box(3.5, 2.5, 7.0, 7.5)}
     regions["around"] = box(0, 0, SIZE, SIZE).difference(regions["cup"])

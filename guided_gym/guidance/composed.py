@@ -172,7 +172,7 @@ class Composed(GuidingSpace):
         return total
 
     def least(self, tree: SearchTree) -> tuple[int, float]:
-        """The node of least h and its h; worked out once a sample, however many ask."""
+        """The node of least h and its h; worked out once per sample, however many ask."""
         stage = len(tree), tree.failure_count, tree.rewirings
         if self._least is None or self._least[0] != stage:
             self._least = stage, super().least(tree)

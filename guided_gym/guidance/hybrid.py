@@ -21,7 +21,7 @@ Floats = NDArray[np.float64]
 class Hybrid(GuidingSpace):
     """The cross product of guiding spaces, with a rule that says how much each of them counts.
 
-    All of them learn from every expansion, whoever proposed it.
+    All of them learn from every expansion, no matter which of them proposed it.
 
     Args:
         guides: The guiding spaces; `make_guidance` takes their names, too.

@@ -44,8 +44,8 @@ _KINDS: Final[dict[str, type[GridSolution] | type[RoadmapSolution]]] = {
 class Oracle:
     """Shortest-path distances to one goal, d_C(q, t), as exact as its options ask or its budget allows.
 
-    For rigid planar robots over a grid (`guided_gym.measure.grid`), for all others over a roadmap
-    (`guided_gym.measure.roadmap`): motions are certified, so nothing leaks through walls, however thin.
+    A grid covers rigid planar robots (`guided_gym.measure.grid`), and a roadmap all others
+    (`guided_gym.measure.roadmap`). Motions are certified, so nothing leaks through walls, however thin.
     Distances are in the metric of the space (length).
 
     Attributes:

@@ -92,7 +92,7 @@ class Watcher(Protocol):
 class Search:
     """One search in progress: the problem, its tree, and the step that grows it.
 
-    `run` is the whole of Algorithm 1. Whoever selects by other means (the Gymnasium environment, a user's own
+    `run` is the whole of Algorithm 1. What selects by other means (the Gymnasium environment, a user's own
     loop) calls `expand`.
 
     Args:

@@ -72,7 +72,7 @@ class Limits:
         megabytes: Of memory.
     """
 
-    seconds: float = 120.0
+    seconds: float = 300.0
     megabytes: int = 4096
 
 

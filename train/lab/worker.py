@@ -24,7 +24,7 @@ _FLUSH_SECONDS: Final = 0.05
 
 
 class Lines:
-    """Where a trace is written to: its lines, for eyes, to whoever holds the other end.
+    """Takes the lines of a trace and passes them on to the page, rounded to what an eye can see.
 
     Args:
         problem: The problem, which the page gets as a scene.

@@ -83,6 +83,7 @@
     doc = found;
     selected = null; drawn = null;
     $("name").value = name;
+    if (!view.robot) $("hint").textContent = "Getting ready … (the first time on a machine, kernels compile for up to a minute)";
     stage.setScene({ ...scene(), robot: view.robot || { joints: [], bodies: [], tip: { joint: -1, point: [0, 0] } }, start: null, goal: null });
     view = { ...view, robot: null };
     changed();
@@ -96,6 +97,7 @@
       try {
         const answer = await ask("view", { document: doc });
         if (mine !== asked) return;
+        if (!view.robot) use(tool); // says what it does
         view = { ...answer, robot: answer.robot || view.robot, metric: answer.metric || view.metric };
         $("trouble").textContent = answer.trouble || "";
         fit(answer.robot);
@@ -395,7 +397,7 @@
   }
 
   canvas.addEventListener("keydown", (event) => {
-    if (!doc) return;
+    if (!doc || !view.robot) return;
     const arrows = { ArrowLeft: [-1, 0], ArrowRight: [1, 0], ArrowUp: [0, 1], ArrowDown: [0, -1] }[event.key], fine = event.shiftKey ? 0.1 : 1;
     if (event.ctrlKey || event.metaKey || event.altKey) return;
     const act = {
@@ -660,36 +662,37 @@
     window.lab.player = player;
   }
 
-  function fillResults() {
-    $("results").hidden = !runs.length;
-    const cell = (text, label) => make("td", { class: "number", text, ...(label ? { "data-label": label } : {}) });
-    const body = $("results").tBodies[0], rows = runs.map((run) => {
-      const box = make("input", { type: "checkbox", "aria-label": `Show ${run.guidance}`, change: () => {
-        if (box.checked) shown = [...shown, run].slice(-2); else shown = shown.filter((one) => one !== run);
-        show(); fillResults();
-      } });
-      box.checked = shown.includes(run);
-      box.disabled = !run.trace;
-      const facts = run.facts, stop = run.running ? [make("button", { type: "button", text: "Cancel", "aria-label": `Cancel ${run.guidance}`, click: () => run.cancel() })] : [];
-      return make("tr", {}, make("td", {}, box), make("td", { text: run.guidance }),
-        make("td", { class: run.error ? "what bad" : facts && facts.solved ? "what good" : "what", text: run.outcome }),
-        cell(run.trace ? run.trace.samples : "", "samples"), cell(facts ? G.digits(facts.total) : "", facts && "total SE"),
-        cell(facts && facts.length !== null ? G.digits(facts.length, 4) : "", facts && facts.length !== null && "path"),
-        cell(facts ? G.digits(facts.preparation + facts.seconds) : "", facts && "seconds"), make("td", {}, ...stop));
-    });
-    // Not while a button of the table is being pressed: only what has changed is replaced.
-    rows.forEach((row, i) => {
-      const old = body.rows[i];
-      if (!old) body.append(row); else if (old.textContent !== row.textContent || old.querySelector("input").checked !== row.querySelector("input").checked
-        || old.querySelector("input").disabled !== row.querySelector("input").disabled) patch(old, row);
-    });
-    while (body.rows.length > rows.length) body.rows[rows.length].remove();
+  /** The row of a run in the table. It is made once and then changed, so that its button stays where it is. */
+  function rowOf(run) {
+    const number_ = (label) => make("td", { class: "number", "data-label": label });
+    const box = make("input", { type: "checkbox", "aria-label": `Show ${run.guidance}`, change: () => {
+      if (box.checked) shown = [...shown, run].slice(-2); else shown = shown.filter((one) => one !== run);
+      show(); fillResults();
+    } });
+    const cells = { box, what: make("td", {}), samples: number_("samples"), total: number_("total SE"), path: number_("path"), seconds: number_("seconds"),
+      stop: make("button", { type: "button", text: "Cancel", "aria-label": `Cancel ${run.guidance}`, click: () => run.cancel() }) };
+    const row = make("tr", {}, make("td", {}, box), make("td", { text: run.guidance }), cells.what, cells.samples, cells.total, cells.path,
+      cells.seconds, make("td", {}, cells.stop));
+    return { row, cells };
   }
 
-  function patch(old, row) {
-    if (old.contains(document.activeElement) && old.querySelector("button") && row.querySelector("button")) {
-      [2, 3].forEach((i) => { old.cells[i].textContent = row.cells[i].textContent; }); // the focus stays where it is
-    } else old.replaceWith(row);
+  function fillResults() {
+    $("results").hidden = !runs.length;
+    for (const run of runs) {
+      run.shown = run.shown || rowOf(run);
+      const { cells } = run.shown, facts = run.facts;
+      cells.box.checked = shown.includes(run);
+      cells.box.disabled = !run.trace;
+      cells.what.className = run.error ? "what bad" : facts && facts.solved ? "what good" : "what";
+      cells.what.textContent = run.outcome;
+      cells.samples.textContent = run.trace ? String(run.trace.samples) : "";
+      cells.total.textContent = facts ? G.digits(facts.total) : "";
+      cells.path.textContent = facts && facts.length !== null ? G.digits(facts.length, 4) : "";
+      cells.seconds.textContent = facts ? G.digits(facts.preparation + facts.seconds) : "";
+      cells.stop.hidden = !run.running;
+    }
+    const body = $("results").tBodies[0], rows = runs.map((run) => run.shown.row);
+    if (rows.length !== body.rows.length || rows.some((row, i) => body.rows[i] !== row)) body.replaceChildren(...rows);
   }
 
   $("run").addEventListener("click", () => {
@@ -706,7 +709,7 @@
   // The page ---------------------------------------------------------------------------------------------
 
   new ResizeObserver(() => { if (doc && view.robot) requestAnimationFrame(() => stage.draw()); }).observe(canvas);
-  window.lab = { stage, get document() { return doc; }, get runs() { return runs; }, player: null, select };
+  window.lab = { stage, get document() { return doc; }, get ready() { return !!view.robot; }, get runs() { return runs; }, player: null, select };
   (async () => {
     try { about = await ask("start"); } catch (error) { return say(error.message, true); }
     toolbar();
