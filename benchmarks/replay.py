@@ -105,7 +105,7 @@ def main() -> None:
             page = browser.new_page(viewport={"width": 1280, "height": 900})
             began = time.perf_counter()
             page.goto(file.as_uri())
-            page.wait_for_function("window.player")
+            assert page.evaluate("Boolean(window.player)")
             opened = time.perf_counter() - began
             row = {"case": name, "megabytes": file.stat().st_size / 1e6, "open_seconds": opened}
             row |= {f"fps {how}": scrub(page, expression) for how, expression in SCRUBS.items()}

@@ -27,7 +27,8 @@ def replay(
     from guided_gym.train.table import write_whole
 
     traces = [trace] if other is None else [trace, other]
-    page = replay_page(traces, samples=samples).encode()
+    with console(stderr=True).status(f"Reading {', '.join(one.name for one in traces)}"):
+        page = replay_page(traces, samples=samples).encode()
     write_whole(out, page)
     console().print(f"{out}: {len(page) / 1e6:.2g} MB; open it in a browser", markup=False)
 

@@ -59,21 +59,19 @@ def trace_content(path: str | Path, *, samples: int = MOST_SAMPLES) -> dict[str,
         InvalidInputError: Its problem cannot be used.
     """
     most = integer("samples", samples, least=1)
-    reader = TraceReader(path)
+    reader = TraceReader(path, most)
     problem = problem_of(reader.header["problem"], reader.path)
     header = {key: value for key, value in reader.header.items() if key not in _HIDDEN}
     header["scene"] = scene_of(problem)
     digits = digits_of(problem.environment.extent)
     lines: list[Row] = [header]
-    seen = 0
-    for row in reader:
-        seen += "n" in row
-        if seen <= most:
-            lines.append(rounded_row(row, digits) if "n" in row else row)
-    if reader.end is not None and seen <= most:
+    lines += [rounded_row(row, digits) if "n" in row else row for row in reader]
+    if reader.beyond:
+        header["notices"] = [
+            f"The search has {most + reader.beyond:,} samples, of which the first {most:,} are shown."
+        ]
+    elif reader.end is not None:
         lines.append({"end": reader.end})
-    if seen > most:
-        header["notices"] = [f"The search has {seen:,} samples, of which the first {most:,} are shown."]
     return {"lines": lines, "trouble": reader.trouble}
 
 

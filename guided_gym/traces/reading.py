@@ -126,17 +126,24 @@ class TraceReader:
 
     Iterate over it once: it gives the rows of samples and of guides' views as they are in the file.
 
+    Args:
+        path: The file.
+        samples: How many samples are wanted; those beyond are counted, but not read. None for all.
+
     Attributes:
         header: The first line.
         end: The last line, once it was read; None if the trace ends early.
         trouble: Why the trace ends early; empty if it does not, or has not been read to the end.
+        beyond: How many samples there were beyond those that were wanted.
 
     Raises:
         StorageError: The file cannot be read, or is no trace of this version.
     """
 
-    def __init__(self, path: str | Path) -> None:
+    def __init__(self, path: str | Path, samples: int | None = None) -> None:
         self.path = Path(path)
+        self._wanted = math.inf if samples is None else samples
+        self.beyond = 0
         self.end: Row | None = None
         self.trouble = ""
         try:
@@ -149,16 +156,20 @@ class TraceReader:
         self._guides = len(self.header["guides"])
 
     def __iter__(self) -> Iterator[Row]:
-        nodes, number = 1, 1
+        nodes, number, seen = 1, 1, 0
         try:
             with self.path.open(encoding="utf-8") as file:
                 file.readline(LONGEST_LINE)
                 while line := file.readline(LONGEST_LINE):
                     number += 1
+                    if seen >= self._wanted and not line.startswith('{"end"'):
+                        self.beyond += line.startswith('{"n"')
+                        continue
                     row = self._parsed(line, nodes)
                     if "end" in row:
                         self.end = row["end"]
                         return
+                    seen += "n" in row
                     nodes += "n" in row and "c" not in row
                     yield row
             self.trouble = f"it stops after line {number}"

@@ -12,6 +12,7 @@ import numpy as np
 import pytest
 
 PROGRAMS = ("chromium", "chromium-browser", "google-chrome")
+PATIENCE = 120_000  # ms; on a machine that is busy with much else
 HOW = "run tests/browser/install.sh"
 
 Open = Callable[..., Any]
@@ -25,7 +26,7 @@ def browser() -> Iterator[Any]:
     if program is None:
         pytest.skip(f"no Chromium found: {HOW}")
     with api.sync_playwright() as playwright:
-        started = playwright.chromium.launch(executable_path=program, args=["--no-sandbox"])
+        started = playwright.chromium.launch(executable_path=program, args=["--no-sandbox"], timeout=PATIENCE)
         yield started
         started.close()
 
@@ -42,6 +43,7 @@ def open_page(browser: Any) -> Iterator[Open]:
         context = browser.new_context(
             viewport={"width": width, "height": height}, color_scheme=theme, has_touch=touch
         )
+        context.set_default_timeout(PATIENCE)
         contexts.append(context)
         page = context.new_page()
         page.on("console", lambda message: messages.append(message.text))

@@ -158,7 +158,7 @@ def test_trace__of_an_arm(tmp_path: Path) -> None:
     assert trace.problem.fingerprint == problem.fingerprint and trace.problem.robot.name == "<arm>"
     assert same(trace.replay().tree, result.tree)
     header = rows(tmp_path / "trace.jsonl")[0]
-    header["problem"]["linkage"]["joints"][2]["parent"] = 7
+    header["problem"]["robot"]["joints"][2]["parent"] = 7
     (tmp_path / "bad.jsonl").write_text(json.dumps(header) + "\n", encoding="utf-8")
     with pytest.raises(InvalidInputError, match="expected a parent before it"):
         _ = read_trace(tmp_path / "bad.jsonl").problem
