@@ -15,7 +15,7 @@ import shapely
 from gymnasium import spaces
 from numpy.typing import NDArray
 
-from guided_gym.catalogue.distributions import FixedProblem, ProblemDistribution
+from guided_gym.catalogue.distributions import FixedProblem, OtherTasks, ProblemDistribution
 from guided_gym.catalogue.problem_set import ProblemSet, open_problem_set
 from guided_gym.catalogue.splits import Split, in_split
 from guided_gym.catalogue.table import make_distribution
@@ -54,6 +54,7 @@ DEFAULT_NODES: Final = 256
 NO_REGION: Final = -1
 ACTIONS: Final = ("node", "distribution")
 ON_INVALID: Final = ("noop", "raise")
+RESET_OPTIONS: Final = ("problem", "start", "goal", "starts", "goals")
 OPTIONS: Final = (
     "distribution",
     "split",
@@ -129,7 +130,10 @@ class GuidedSearchEnv(gymnasium.Env[Observation, Action]):
         ``reset(seed=k)`` gives the tree that ``guided_search(problem, guidance, seed=k)`` gives, if the same
         nodes are chosen.
 
-    ``reset(options={"problem": problem})`` searches any `Problem`, for one episode.
+    ``reset(options={"problem": problem})`` searches any `Problem`, for one episode. ``options={"start": q,
+    "goal": q}`` pose another task in the problem that would be posed, so that one map serves many starts and
+    goals; ``"starts"`` and ``"goals"`` are lists of configurations, one of which each reset draws (by its
+    seed, if it has one). All of these may be combined.
 
     Args:
         distribution: Name in the catalogue, a distribution, or a problem.
@@ -309,7 +313,9 @@ class GuidedSearchEnv(gymnasium.Env[Observation, Action]):
 
         Args:
             seed: Seed of this and all later episodes; None to go on with the random numbers of the last.
-            options: ``{"problem": Problem}`` to search that one instead of drawing one.
+            options: ``problem``, a `Problem` to search instead of drawing one; ``start`` and ``goal``,
+                (d,) configurations to take the place of its own; ``starts`` and ``goals``, lists of such, of
+                which one is drawn.
 
         Raises:
             NoPathError: The problem has no path.
@@ -409,14 +415,18 @@ class GuidedSearchEnv(gymnasium.Env[Observation, Action]):
             InvalidInputError: ``options["problem"]`` is not a problem.
         """
         for name in options or ():
-            if name != "problem":
-                raise UnknownNameError("reset option", name, ["problem"])
+            if name not in RESET_OPTIONS:
+                raise UnknownNameError("reset option", name, RESET_OPTIONS)
         if not options:
             return self.distribution
-        problem = options["problem"]
-        if not isinstance(problem, Problem):
-            raise InvalidInputError(f"options['problem']: expected a Problem, got {problem!r}")
-        return FixedProblem(problem)
+        distribution = self.distribution
+        if "problem" in options:
+            problem = options["problem"]
+            if not isinstance(problem, Problem):
+                raise InvalidInputError(f"options['problem']: expected a Problem, got {problem!r}")
+            distribution = FixedProblem(problem)
+        starts, goals = _chosen(options, "start"), _chosen(options, "goal")
+        return distribution if starts is goals is None else OtherTasks(distribution, starts, goals)
 
     def _propose(self, search: Search, node: int) -> NDArray[np.float64]:
         if self.expander is None:
@@ -588,6 +598,19 @@ def _as_distribution(distribution: str | ProblemDistribution | Problem) -> Probl
             f"distribution: expected a name, a ProblemDistribution or a Problem, got {distribution!r}"
         )
     return distribution
+
+
+def _chosen(options: Mapping[str, Any], name: str) -> list[Any] | None:
+    """The configurations that `reset` is given under ``name`` and its plural, of which one is posed."""
+    several = f"{name}s"
+    if name not in options and several not in options:
+        return None
+    if name in options and several in options:
+        raise InvalidInputError(f"options: expected {name} or {several}, got both")
+    given = options[several] if several in options else [options[name]]
+    if isinstance(given, str | bytes | Mapping) or not hasattr(given, "__len__") or not len(given):
+        raise InvalidInputError(f"options[{several!r}]: expected configurations, at least one, got {given!r}")
+    return list(given)
 
 
 def _built(

@@ -1,7 +1,8 @@
-"""Wrappers: the observation in other shapes, and records of the searches."""
+"""Wrappers: the observation in other shapes and under other libraries' keys, and records of the searches."""
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any, SupportsFloat, cast
 
@@ -62,6 +63,71 @@ class GraphObservation(
         """The same with the tree as a graph."""
         rest = {key: value for key, value in observation.items() if key not in _TABLES}
         return {"graph": _graph(observation), **rest}
+
+
+class MaskedObservation(
+    gymnasium.ObservationWrapper[dict[str, NDArray[Any]], Any, dict[str, NDArray[Any]]], RecordConstructorArgs
+):
+    """One flat vector and a mask, under the keys that a library looks for.
+
+    ``MaskedObservation(env)`` has RLlib's keys, ``observations`` and ``action_mask`` (float32);
+    ``MaskedObservation.for_tianshou(env)`` has ``obs`` and ``mask`` (bool: tianshou negates it).
+
+    Args:
+        env: An environment whose observation is a Dict with an ``action_mask``, like the default one.
+        vector: Key of the vector.
+        mask: Key of the mask.
+        boolean: Whether the mask is bool; else float32, 1 for valid.
+        parts: Which parts of the observation the vector joins, in this order; all but the mask if None.
+
+    Raises:
+        InvalidInputError: Another observation, or no part of that name.
+    """
+
+    _keys: tuple[str, str]
+    _parts: tuple[str, ...]
+    _type: type[np.bool_] | type[np.float32]
+
+    def __init__(
+        self,
+        env: gymnasium.Env[dict[str, NDArray[Any]], Any],
+        vector: str = "observations",
+        mask: str = "action_mask",
+        *,
+        boolean: bool = False,
+        parts: Sequence[str] | None = None,
+    ) -> None:
+        RecordConstructorArgs.__init__(self, vector=vector, mask=mask, boolean=boolean, parts=parts)
+        gymnasium.ObservationWrapper.__init__(self, env)
+        space = env.observation_space
+        if not (isinstance(space, spaces.Dict) and "action_mask" in space.spaces):
+            raise InvalidInputError(f"MaskedObservation: expected a Dict with an action_mask, got {space}")
+        self._parts = tuple(key for key in space if key != "action_mask") if parts is None else tuple(parts)
+        boxes = {key: space.spaces.get(key) for key in self._parts}
+        for key, part in boxes.items():
+            if not isinstance(part, spaces.Box):
+                raise InvalidInputError(f"parts: expected some of {', '.join(space)}, got {key!r}")
+        ends = [
+            (part.low.ravel(), part.high.ravel()) for part in boxes.values() if isinstance(part, spaces.Box)
+        ]
+        low, high = (np.concatenate(end).astype(np.float32) for end in zip(*ends, strict=True))
+        n = int(np.prod(space["action_mask"].shape or ()))
+        self._keys, self._type = (vector, mask), np.bool_ if boolean else np.float32
+        masks = spaces.MultiBinary(n) if boolean else spaces.Box(0.0, 1.0, (n,), np.float32)
+        self.observation_space = spaces.Dict({vector: spaces.Box(low, high, dtype=np.float32), mask: masks})
+
+    @classmethod
+    def for_tianshou(
+        cls, env: gymnasium.Env[dict[str, NDArray[Any]], Any], parts: Sequence[str] | None = None
+    ) -> MaskedObservation:
+        """The keys and the type of mask that tianshou looks for."""
+        return cls(env, "obs", "mask", boolean=True, parts=parts)
+
+    def observation(self, observation: dict[str, NDArray[Any]]) -> dict[str, NDArray[Any]]:
+        """The same as a vector and a mask."""
+        vector, mask = self._keys
+        flat = np.concatenate([np.asarray(observation[key]).ravel() for key in self._parts])
+        return {vector: flat.astype(np.float32), mask: observation["action_mask"].astype(self._type)}
 
 
 def _graph(observation: dict[str, NDArray[Any]]) -> spaces.GraphInstance:

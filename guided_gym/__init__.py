@@ -155,7 +155,7 @@ _HOMES: dict[str, tuple[str, ...]] = {
     ),
     "envs.pool": ("ProblemPool",),
     "envs.rewards": ("Choice", "EfficiencyReward", "JensenShannonReward", "Reward"),
-    "envs.wrappers": ("GraphObservation", "RecordSearch"),
+    "envs.wrappers": ("GraphObservation", "MaskedObservation", "RecordSearch"),
     "agents.scripted": (
         "Agent",
         "EpisodeResult",
@@ -208,6 +208,7 @@ __all__ = [
     "Local",
     "LocalPlanner",
     "MapOptions",
+    "MaskedObservation",
     "Measure",
     "Mechanism",
     "NoPathError",

@@ -3,17 +3,18 @@
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from typing import Final
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from guided_gym.checks import integer
 from guided_gym.errors import NoPathError
 from guided_gym.geometry.robots import Robot
 from guided_gym.measure.oracle import oracle_for
 from guided_gym.options import OracleOptions
-from guided_gym.problems import Problem
+from guided_gym.problems import Problem, Task
 from guided_gym.randomness import streams
 
 TRIES: Final = 100
@@ -104,6 +105,51 @@ class FixedProblem(ProblemDistribution):
     ) -> Problem:
         """The problem, whatever it is like."""
         return self._problem.ending(tolerance, by_edge)
+
+
+class OtherTasks(ProblemDistribution):
+    """The spaces of a distribution's problems with other tasks: one map, many starts and goals.
+
+    A draw is a problem of the distribution, with one of the starts and one of the goals in place of its own,
+    whatever that task is like.
+
+    Args:
+        distribution: Where the spaces come from.
+        starts: Configurations (d,), one of which is the start; None for the problem's own.
+        goals: Likewise.
+    """
+
+    def __init__(
+        self,
+        distribution: ProblemDistribution,
+        starts: Sequence[ArrayLike] | None = None,
+        goals: Sequence[ArrayLike] | None = None,
+    ) -> None:
+        self.name, self.summary = distribution.name, distribution.summary
+        self.fixed = distribution.fixed and max(len(starts or ()), len(goals or ())) <= 1
+        self._distribution, self._starts, self._goals = distribution, starts, goals
+
+    def sample(self, rng: np.random.Generator) -> Problem:
+        """A problem in which one of the tasks is posed."""
+        return self._posed(self._distribution.sample(rng), rng)
+
+    def draw(
+        self, rng: np.random.Generator, tolerance: float | None = None, by_edge: bool | None = None
+    ) -> Problem:
+        """A problem of the distribution in which one of the tasks is posed."""
+        return self._posed(self._distribution.draw(rng, tolerance, by_edge), rng)
+
+    def problem(self, seed: int, tolerance: float | None = None, by_edge: bool | None = None) -> Problem:
+        """The problem of a seed, in which the task of that seed is posed."""
+        return self._posed(self._distribution.problem(seed, tolerance, by_edge), streams(seed)[0])
+
+    def _posed(self, problem: Problem, rng: np.random.Generator) -> Problem:
+        own = problem.task
+        start, goal = (
+            one if several is None else several[int(rng.integers(len(several)))]
+            for one, several in ((own.start, self._starts), (own.goal, self._goals))
+        )
+        return problem.asking(Task(start, goal, own.tolerance, own.by_edge))
 
 
 class ProblemList(ProblemDistribution):

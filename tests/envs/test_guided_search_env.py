@@ -571,3 +571,42 @@ def test_rgb_array_is_a_picture(problem):
     assert frame.dtype == np.uint8 and frame.ndim == 3 and frame.shape[2] == 3
     env.close()
     env.close()
+
+
+def test_one_map_serves_many_starts_and_goals():
+    env = GuidedSearchEnv("TrapCup", max_nodes=16)
+    map_, (start, goal) = env.distribution.problem(0), ([1.0, 2.0, 0.5], [9.0, 8.0, -1.0])
+    env.reset(seed=0, options={"start": start, "goal": goal})
+    assert env.problem.space is map_.space
+    assert np.array_equal(env.problem.task.start, start) and np.array_equal(env.problem.task.goal, goal)
+    env.reset(seed=0, options={"goal": goal})
+    assert np.array_equal(env.problem.task.start, map_.task.start)
+    env.reset(seed=0)
+    assert env.problem.fingerprint == map_.fingerprint  # for one episode
+    goals = [[9.0, 8.0, 0.0], [9.0, 2.0, 0.0]]
+    seen = []
+    for seed in (0, 1, 2, 3, 4, 0):
+        env.reset(seed=seed, options={"goals": goals})
+        seen.append(tuple(env.problem.task.goal))
+    assert seen[0] == seen[-1] and set(seen) == set(map(tuple, goals))
+    assert {tuple(env.problem.task.goal) for _ in range(8) if env.reset(options={"goals": goals})} == set(
+        seen
+    )
+
+
+@pytest.mark.parametrize(
+    "options",
+    [
+        {"goal": [0.0, 0.0, 0.0]},  # touches the bounds
+        {"goal": [1.0, 2.0]},
+        {"goals": []},
+        {"goals": "here"},
+        {"goal": [9.0, 8.0, 0.0], "goals": [[9.0, 8.0, 0.0]]},
+        {"start": None},
+    ],
+    ids=str,
+)
+def test_tasks_that_cannot_be_posed_are_refused(options):
+    env = GuidedSearchEnv("TrapCup", max_nodes=16)
+    with pytest.raises(InvalidInputError):
+        env.reset(seed=0, options=options)

@@ -11,6 +11,7 @@ import guided_gym
 from guided_gym import (
     GraphObservation,
     InvalidInputError,
+    MaskedObservation,
     NodeColumn,
     RecordSearch,
     node_table,
@@ -134,3 +135,37 @@ def test_record__can_be_made_from_its_spec_and_refuses_other_environments(env, t
     assert isinstance(again, RecordSearch) and again.every == 3 and again.folder == tmp_path
     with pytest.raises(InvalidInputError, match="expected an environment that searches"):
         RecordSearch(gymnasium.make("CartPole-v1"), tmp_path)
+
+
+@pytest.mark.parametrize("options", [{}, {"raster": 8}], ids=str)
+def test_the_vector_and_the_mask_hold_what_the_observation_holds(options):
+    plain = gymnasium.make("guided_gym/Cup-v0", max_nodes=16, **options)
+    for wrapped, keys, kind in (
+        (MaskedObservation(plain), ["action_mask", "observations"], np.float32),
+        (MaskedObservation.for_tianshou(plain), ["mask", "obs"], np.bool_),
+    ):
+        check_env(wrapped, skip_render_check=True)
+        assert sorted(wrapped.observation_space) == keys
+        observation, _ = wrapped.reset(seed=0)
+        for _ in range(5):
+            observation, *_ = wrapped.step(0)
+        assert observation in wrapped.observation_space
+        theirs = plain.unwrapped.observer.extract(plain.unwrapped.search)
+        mask, vector = (observation[key] for key in keys)
+        assert mask.dtype == kind and np.array_equal(mask, theirs["action_mask"])
+        assert vector.dtype == np.float32
+        parts = [theirs[key].ravel() for key in plain.observation_space if key != "action_mask"]
+        assert np.array_equal(vector, np.concatenate(parts).astype(np.float32))
+
+
+def test_the_vector_may_hold_some_parts_in_any_order(env):
+    wrapped = MaskedObservation(env, parts=("goal", "start"))
+    observation, _ = wrapped.reset(seed=0)
+    plain, _ = env.reset(seed=0)
+    assert np.array_equal(observation["observations"], np.concatenate([plain["goal"], plain["start"]]))
+    assert wrapped.spec.make().observation_space == wrapped.observation_space
+    for parts in (("rooster",), ("action_mask", "none")):
+        with pytest.raises(InvalidInputError, match="parts"):
+            MaskedObservation(env, parts=parts)
+    with pytest.raises(InvalidInputError, match="action_mask"):
+        MaskedObservation(gymnasium.make("guided_gym/GuideSelection-v0"))
