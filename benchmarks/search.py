@@ -26,9 +26,9 @@ from shapely.geometry import box
 from guided_gym.catalogue.table import cup, make_distribution, rectangle_robot, wall
 from guided_gym.geometry.environment import Environment
 from guided_gym.guidance.base import GuidingSpace
-from guided_gym.guidance.environment_modification import LazyPRM
+from guided_gym.guidance.composed import Composed
 from guided_gym.guidance.registry import make_guidance
-from guided_gym.guidance.robot_modification import MedialAxis
+from guided_gym.guidance.solvers.graph import GraphCostToGo
 from guided_gym.kernels.collision import pose_free
 from guided_gym.planning import guided_search
 from guided_gym.problems import Problem, Task
@@ -154,7 +154,7 @@ def one_sample(search: Search, guide: GuidingSpace) -> float:
     return (time.thread_time() - began) / (1 if rows is None else len(rows))
 
 
-def failed_expansions(guide: LazyPRM | MedialAxis, name: str, seeds: int) -> dict[str, float]:
+def failed_expansions(guide: GuidingSpace, name: str, seeds: int) -> dict[str, float]:
     """Microseconds that a guiding space takes to learn from a failed expansion, on a catalogue problem."""
     problem = make_distribution(name).problem(0)
     times: list[float] = []
@@ -179,9 +179,10 @@ def failed_expansions(guide: LazyPRM | MedialAxis, name: str, seeds: int) -> dic
     }
 
 
-def full_dijkstra(guide: LazyPRM | MedialAxis) -> float:
+def full_dijkstra(guide: GuidingSpace) -> float:
     """Seconds that scipy's Dijkstra takes on the roadmap as it stands."""
-    roadmap = guide.roadmap
+    assert isinstance(guide, Composed) and isinstance(guide.solver, GraphCostToGo)
+    roadmap = guide.solver.graph
     alive = np.isfinite(roadmap.multipliers)
     a, b = roadmap.edges[alive].T
     weights, n = (roadmap.lengths * roadmap.multipliers)[alive], len(roadmap.points)
@@ -206,8 +207,8 @@ def main() -> None:
     results["us a sample, rrt"] = growth("rrt", (1_000, 10_000, 50_000), 1000)
     for name in ("goal_distance", "lazy_prm", "medial_axis"):
         results[f"us a sample, {name}"] = growth(name, (1_000, 10_000, 50_000), 50)
-    results["lazy_prm, failed expansion"] = failed_expansions(LazyPRM(), "Cup", 8)
-    results["medial_axis, failed expansion"] = failed_expansions(MedialAxis(), "Trap", 8)
+    results["lazy_prm, failed expansion"] = failed_expansions(make_guidance("lazy_prm"), "Cup", 8)
+    results["medial_axis, failed expansion"] = failed_expansions(make_guidance("medial_axis"), "Trap", 8)
     table = Table("what", "figure", "value")
     for what, figures in results.items():
         for figure, value in figures.items():
