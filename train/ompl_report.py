@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import json
 import math
+import time
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import asdict, dataclass
 from functools import partial
@@ -19,6 +20,7 @@ import numpy as np
 from guided_gym.compute.workers import map_tasks
 from guided_gym.errors import InvalidInputError, StorageError
 from guided_gym.planners.ompl import OmplPlanner, planner_names
+from guided_gym.planning import guided_search
 from guided_gym.train.claims import DRAWN, PROBLEMS
 from guided_gym.train.evaluation import UNSUITABLE, Plan, checked_seeds, run_plans
 from guided_gym.train.results import Results
@@ -44,11 +46,11 @@ Progress = Callable[[int, int, str], None]
 
 @dataclass(frozen=True)
 class Unwatched:
-    """One run of OMPL as its users have it.
+    """One run of OMPL as its users have it, or of ours without the metric.
 
     Attributes:
         environment: Name of the problem or distribution.
-        planner: The planner.
+        planner: The planner, or one of our guidances.
         resolution: Of the check of motions, relative to the extent; 0 for certified ones.
         seed: Seed of the run, and of the problem where it is drawn.
         solved: Whether OMPL says that it has an exact path.
@@ -123,8 +125,8 @@ def ompl_report(
     tasks = [
         (environment, planner, resolution, seed)
         for environment in environments
-        for planner in planners
-        for resolution in RESOLUTIONS
+        for planner in (*OURS, *planners)
+        for resolution in (RESOLUTIONS if planner in planners else (0.0,))
         for seed in wanted
     ]
     unwatched = _all_unwatched(tasks, folder / UNWATCHED_FILE, workers, say("OMPL by itself"))
@@ -185,13 +187,21 @@ def _unwatched_batch(tasks: Sequence[tuple[str, str, float, int]]) -> list[Unwat
 
 
 def unwatched(environment: str, planner: str, resolution: float, seed: int) -> Unwatched:
-    """OMPL by itself on one problem.
+    """OMPL by itself on one problem, or one of our guidances, its preparation included, and no metric.
 
     Raises:
         InvalidInputError: The problem cannot be posed.
         NoPathError: It has no path.
     """
     problem, optimum = _posed(environment, seed)
+    if planner in OURS:
+        began = time.process_time()
+        result = guided_search(problem, planner, seed=seed, measure=False)
+        spent = time.process_time() - began
+        return Unwatched(
+            environment, planner, 0.0, seed, result.solved, result.solved, spent,
+            result.collision_checks + result.looks, result.length / (optimum or 1.0), code_fingerprint(),
+        )  # fmt: skip
     alone = OmplPlanner(planner, resolution=resolution, seconds=10.0).alone(
         problem, seed=seed, by_states=resolution >= BY_STATES
     )
@@ -231,7 +241,6 @@ def _lengths(
 
 def _ratios(environment: str, name: str, seed: int) -> list[float]:
     """Path over the optimum at each moment; infinite before there is a path."""
-    from guided_gym.planning import guided_search
     from guided_gym.train.plans import Planner
 
     problem, optimum = _posed(environment, seed)
@@ -258,7 +267,7 @@ def guidance_records(results: Results) -> list[dict[str, Any]]:
 
 def truth_records(report: OmplReport) -> list[dict[str, Any]]:
     """A row per environment, planner and check of motions: solved, colliding, time, length."""
-    records = [_own_record(report.results, *pair) for pair in report.results.pairs() if pair[1] in OURS]
+    records: list[dict[str, Any]] = []
     groups: dict[tuple[str, str, float], list[Unwatched]] = {}
     for row in report.unwatched:
         groups.setdefault((row.environment, row.planner, row.resolution), []).append(row)
@@ -268,7 +277,7 @@ def truth_records(report: OmplReport) -> list[dict[str, Any]]:
         records.append(
             {
                 "environment": environment,
-                "guidance": f"ompl:{planner}",
+                "guidance": planner if planner in OURS else f"ompl:{planner}",
                 "check": f"{100 * resolution:g} %" if resolution else "certified",
                 "seeds": len(rows),
                 "solved": len(found) / len(rows),
@@ -280,24 +289,6 @@ def truth_records(report: OmplReport) -> list[dict[str, Any]]:
             }
         )
     return sorted(records, key=lambda record: (record["environment"], record["check"] != "certified"))
-
-
-def _own_record(results: Results, environment: str, guidance: str) -> dict[str, Any]:
-    runs = results.group(environment, guidance)
-    time = [run.processor + run.preparation for run in runs]
-    solved = [run for run in runs if run.solved]
-    return {
-        "environment": environment,
-        "guidance": guidance,
-        "check": "certified",
-        "seeds": len(runs),
-        "solved": len(solved) / len(runs),
-        "colliding": 0.0,
-        "colliding_high": None,
-        "processor_ms": 1e3 * bootstrap(time, "median").estimate,
-        "looks": float(np.median([run.looks + run.collision_checks for run in runs])),
-        "path_ratio": float(np.mean([run.path_ratio for run in solved])) if solved else None,
-    }
 
 
 def fastest(records: Sequence[dict[str, Any]], environment: str) -> tuple[dict[str, Any], dict[str, Any]]:

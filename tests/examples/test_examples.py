@@ -53,3 +53,10 @@ def test_learned_guidance_in_a_hybrid(tmp_path):
     weights.save_agent(tmp_path, card, tensors)
     lines = run("learned_in_hybrid.py", str(tmp_path), "2").splitlines()
     assert [line.split(":")[0] for line in lines] == ["learned", "medial_axis", "both"]
+
+
+def test_a_guiding_space_as_a_planner_of_ompl():
+    pytest.importorskip("ompl")
+    lines = run("ompl_guided.py", "--env", "Cup", "--guidance", "rrt").splitlines()
+    assert lines[0] == "Exact solution"
+    assert "simplified by OMPL" in lines[1]
