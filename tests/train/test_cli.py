@@ -16,6 +16,7 @@ from guided_gym.guidance.learned.agent import agent_folder, shipped_agents
 from guided_gym.registration import SELECTIONS
 from guided_gym.train import cli
 from guided_gym.train.results import RESULTS_FILE, ResultsFile
+from guided_gym.train.terminal import EXIT_INTERRUPTED
 
 runner = CliRunner()
 COMMAND = ["evaluate", "--env", "Cup", "--workers", "1", "--max-samples", "60", "--seeds", "2"]
@@ -227,7 +228,7 @@ def test_interrupt__is_code_130(tmp_path: Path, monkeypatch: pytest.MonkeyPatch)
 
     monkeypatch.setattr(evaluation, "run_once", interrupted)
     code, _, err = invoke(*COMMAND, "--guidance", "rrt", "--out", tmp_path)
-    assert code == cli.EXIT_INTERRUPTED
+    assert code == EXIT_INTERRUPTED
     assert "0 of 2 are kept" in err
 
 

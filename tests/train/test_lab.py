@@ -332,7 +332,8 @@ def test_run__time_and_number_of_searches_are_bounded(serve_lab: Serve, tmp_path
         lab.workers._jobs = 0
 
 
-def test_run__memory_is_bounded(serve_lab: Serve, tmp_path: Path) -> None:
+def test_run__memory_is_bounded(serve_lab: Serve, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("GUIDED_GYM_MAX_MEMORY", str(10**15))  # sizes are refused at the door otherwise
     with serve_lab(tmp_path, Limits(megabytes=1800)) as (port, _):
         sent = job(guidance="prm(vertices=100000000)")
         assert "more than 1800 MB" in lines(ask(port, "/api/run", sent)[1])[-1]["error"]

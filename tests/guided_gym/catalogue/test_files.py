@@ -148,7 +148,11 @@ WRONG = [
     ("start =", "stat =", r"line 3: stat: unknown field; did you mean 'start'"),
     ("bounds = [0, 0, 10, 10]\n", "", r"expected bounds or a map"),
     ("bounds = [0, 0, 10, 10]", "bounds = [20, 20, 30, 30]", r"line 11: obstacles\[0\].*meets the bounds"),
-    ("bounds = [0, 0, 10, 10]", "bounds = [10, 0, 0, 10]", r"line 2: bounds: expected \(xmin, ymin, xmax, ymax\)"),
+    (
+        "bounds = [0, 0, 10, 10]",
+        "bounds = [10, 0, 0, 10]",
+        r"line 2: bounds: expected \(xmin, ymin, xmax, ymax\)",
+    ),
     ("bounds = [0, 0, 10, 10]", "bounds = [0, 0, 1e300, 10]", r"line 2: bounds\[2\]"),
     ("length = 0.8", 'length = "0.8"', r"line 8: robot.length"),
     ("length = 0.8", "length = -1", r"line 8: robot.length: expected greater than 0"),
