@@ -118,7 +118,7 @@ def vector_bytes(
 ) -> int:
     """Bytes that a native vector environment keeps, the problems' oracles apart.
 
-    ``num_envs * (max_nodes * (24 d + 4 F + 61) + raster**2 + 8 * 32 * (d + 1) + 420 + 32 n)`` for d dimensions
+    ``num_envs * (max_nodes * (24 d + 4 F + 61) + raster**2 + 256 (d + 1) + 420 + 32 n)`` for d dimensions
     and F = 10 + 4 n features for n angles; each step hands out a copy of
     ``num_envs * (max_nodes * (4 F + 5) + raster**2 + 32)``. An oracle takes some 0.9 MB; environments on one
     problem share it.
