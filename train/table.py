@@ -62,7 +62,7 @@ MEASURES = (
     Measure("best_possible", "best possible\nnats", "best_possible", censored=True, better=""),
     Measure("excess_efficiency", "excess SE\nnats", "excess_efficiency", censored=True),
     Measure("path_ratio", "path over\noptimum", "path_ratio"),
-    Measure("oracle_error", "oracle error", "oracle_error", part="", better=""),
+    Measure("oracle_error", "oracle error\n%", "oracle_error", "mean", 100.0, "", better=""),
     Measure("entropy", "entropy\nnats", "entropy", censored=True, better=""),
     Measure("nodes", "nodes", "nodes", part="cost", censored=True),
     Measure("collision_checks", "collision\nchecks", "collision_checks", part="cost", censored=True),
