@@ -19,7 +19,8 @@ from numpy.typing import NDArray
 from guided_gym.catalogue.files import parsed_toml
 from guided_gym.catalogue.maps import read_text
 from guided_gym.errors import InvalidInputError, StorageError, UnknownNameError
-from guided_gym.guidance.learned.weights import pack_tensors, read_bytes, unpack_tensors, write_atomically
+from guided_gym.guidance.learned.weights import pack_tensors, read_bytes, unpack_tensors
+from guided_gym.storage.whole_file import write_whole
 
 CONFIG_FILE: Final = "config.toml"
 CHECKPOINT_FILE: Final = "checkpoint.safetensors"
@@ -124,7 +125,7 @@ class RunFolder:
         elif path.exists() and (not path.is_dir() or any(path.iterdir())):
             raise StorageError(f"{path}: expected a folder of ours or an empty one; nothing was written")
         else:
-            write_atomically(file, text.encode())
+            write_whole(file, text)
 
     def save(self, state: Mapping[str, Any], tensors: Mapping[str, NDArray[Any]]) -> None:
         """Replace the checkpoint."""
@@ -168,4 +169,4 @@ class RunFolder:
         """Write a file of data that need not be computed again."""
         text = np.frombuffer(json.dumps(state).encode(), np.uint8)
         content = {**tensors, _STATE: text}
-        write_atomically(self.path / name, pack_tensors({**content, _CHECKSUM: _checksum(content)}))
+        write_whole(self.path / name, pack_tensors({**content, _CHECKSUM: _checksum(content)}))

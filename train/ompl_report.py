@@ -21,12 +21,13 @@ from guided_gym.compute.workers import map_tasks
 from guided_gym.errors import InvalidInputError, StorageError
 from guided_gym.planners.ompl import OmplPlanner, planner_names
 from guided_gym.planning import guided_search
+from guided_gym.storage.whole_file import write_whole
 from guided_gym.train.claims import DRAWN, PROBLEMS
 from guided_gym.train.evaluation import UNSUITABLE, Plan, checked_seeds, run_plans
 from guided_gym.train.results import Results
 from guided_gym.train.specs import GuidanceSpec, code_fingerprint
 from guided_gym.train.statistics import bootstrap, significant, wilson
-from guided_gym.train.table import save, save_records, summarise, write_whole
+from guided_gym.train.table import save, save_records, summarise
 
 if TYPE_CHECKING:
     from guided_gym.problems import Problem
@@ -322,7 +323,7 @@ def save_ompl_report(report: OmplReport, folder: Path) -> list[Path]:
     written += save_records(truth, folder, "truth")
     written += save_records(report.lengths, folder, "lengths")
     page = folder / "ompl.md"
-    write_whole(page, markdown(report).encode())
+    write_whole(page, markdown(report))
     return [*written, page]
 
 

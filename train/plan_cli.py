@@ -548,7 +548,7 @@ def _write_json(
 
 
 def _write(target: Path, text: str) -> None:
-    from guided_gym.catalogue.files import write_whole
+    from guided_gym.storage.whole_file import write_whole
 
     write_whole(target, text)
 

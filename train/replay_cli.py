@@ -24,7 +24,7 @@ def replay(
 ) -> None:
     """Make a page that plays a search, or two side by side; it needs no network and opens from disk."""
     from guided_gym.display.replay import replay_page
-    from guided_gym.train.table import write_whole
+    from guided_gym.storage.whole_file import write_whole
 
     traces = [trace] if other is None else [trace, other]
     with console(stderr=True).status(f"Reading {', '.join(one.name for one in traces)}"):

@@ -14,6 +14,7 @@ from guided_gym.display.pages import embedded, escaped, page
 from guided_gym.display.replay import SCRIPTS, trace_content
 from guided_gym.errors import GuidedGymError, StorageError
 from guided_gym.options import OracleOptions, TargetParameters
+from guided_gym.storage.whole_file import write_whole
 from guided_gym.train.chosen_runs import CHOICES, Chosen, trace_runs
 from guided_gym.train.evaluation import Plan
 from guided_gym.train.results import RESULTS_FILE, Results, ResultsFile, Run
@@ -36,7 +37,6 @@ from guided_gym.train.table import (
     ranking_measure,
     summarise,
     verdicts,
-    write_whole,
 )
 
 EVALUATION_FILE: Final = "evaluation.json"
@@ -101,7 +101,7 @@ def note_evaluation(folder: Path, plans: Sequence[Plan], seeds: Sequence[int], c
         ],
     }
     file = folder / EVALUATION_FILE
-    write_whole(file, (json.dumps(content, indent=1, default=str) + "\n").encode())
+    write_whole(file, json.dumps(content, indent=1, default=str) + "\n")
     return file
 
 
@@ -192,7 +192,7 @@ def write_report(
     results = results_of(folder, evaluation)
     chosen = trace_runs(results, evaluation.plans, CHOICES, folder, progress) if replays else []
     out = folder / REPORT_FILE if out is None else out
-    write_whole(out, report_page(folder, evaluation, results, chosen).encode())
+    write_whole(out, report_page(folder, evaluation, results, chosen))
     return out
 
 

@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from guided_gym.compute.workers import Workers
+from guided_gym.storage.whole_file import write_whole
 from guided_gym.train.arm_claims import ARM, arm_claims
 from guided_gym.train.arm_claims import GUIDANCES as ARM_GUIDANCES
 from guided_gym.train.claims import (
@@ -25,7 +26,7 @@ from guided_gym.train.evaluation import Plan, checked_seeds, run_plans
 from guided_gym.train.paths import build_path_database
 from guided_gym.train.results import RESULTS_FILE, Results
 from guided_gym.train.specs import DATABASE_GUIDANCE, GuidanceSpec
-from guided_gym.train.table import rich_tables, save, save_records, summarise, write_whole
+from guided_gym.train.table import rich_tables, save, save_records, summarise
 
 if TYPE_CHECKING:
     from rich.table import Table
@@ -219,7 +220,7 @@ def save_report(
     written += save_records(records, folder, "claims")
     page = folder / "claims.md"
     text = claims_markdown(report.claims, PAPER_TITLE) + "\n" + claims_markdown(report.checks, OWN_TITLE)
-    write_whole(page, text.encode())
+    write_whole(page, text)
     written.append(page)
     if figures:
         from guided_gym.train.drawing import draw_paper

@@ -6,8 +6,6 @@ import csv
 import io
 import json
 import math
-import os
-import tempfile
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -16,7 +14,7 @@ from typing import TYPE_CHECKING, Any, Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from guided_gym.errors import StorageError
+from guided_gym.storage.whole_file import write_whole
 from guided_gym.train.results import Column, Results
 from guided_gym.train.statistics import Interval, bootstrap, paired_difference, significant, wilson
 
@@ -346,20 +344,5 @@ def save_records(records: list[dict[str, Any]], folder: Path, name: str) -> list
         folder / f"{name}.json": json.dumps(records, indent=1) + "\n",
     }
     for path, content in contents.items():
-        write_whole(path, content.encode())
+        write_whole(path, content)
     return list(contents)
-
-
-def write_whole(path: Path, content: bytes) -> None:
-    """Write a file so that it is there whole or not at all.
-
-    Raises:
-        StorageError: It cannot be written.
-    """
-    try:
-        with tempfile.NamedTemporaryFile(dir=path.parent, prefix=path.name, delete=False) as file:
-            file.write(content)
-        os.chmod(file.name, 0o644)
-        os.replace(file.name, path)
-    except OSError as error:
-        raise StorageError(f"cannot write {path}: {error}") from error

@@ -44,8 +44,8 @@ from guided_gym.geometry.linkages import Body, Joint, Linkage
 from guided_gym.geometry.mechanism import Mechanism
 from guided_gym.geometry.robots import Robot, rigid
 from guided_gym.geometry.space import ConfigurationSpace
-from guided_gym.guidance.learned.weights import write_atomically
 from guided_gym.problems import Problem, Task
+from guided_gym.storage.whole_file import write_whole
 
 FORMAT: Final = "guided-gym problem 1"
 PROBLEM_SUFFIXES: Final = (".toml", ".json")
@@ -881,20 +881,6 @@ def problem_of(content: Any, where: Path) -> Problem:
         return model.problem(where.parent)
     except InvalidInputError as error:
         raise InvalidInputError(f"{where}: {error}") from None
-
-
-def write_whole(path: Path, text: str) -> None:
-    """Write a text file at once, or not at all; its folder is made.
-
-    Raises:
-        StorageError: It cannot be written.
-    """
-    try:
-        data = text.encode("utf-8")
-        path.parent.mkdir(parents=True, exist_ok=True)
-    except (OSError, UnicodeEncodeError) as error:
-        raise StorageError(f"cannot write {path}: {error}") from error
-    write_atomically(path, data)
 
 
 def _json(content: Mapping[str, Any]) -> str:

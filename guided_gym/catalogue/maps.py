@@ -25,7 +25,7 @@ from guided_gym.checks import number, shown
 from guided_gym.errors import GuidedGymError, InvalidInputError, StorageError
 from guided_gym.geometry.environment import Environment
 from guided_gym.geometry.occupancy import MOST_CELLS, UNKNOWN
-from guided_gym.guidance.learned.weights import write_atomically
+from guided_gym.storage.whole_file import write_whole
 
 FloatArray = npt.NDArray[np.float64]
 
@@ -736,7 +736,7 @@ def write_geojson(path: Path, environment: Environment) -> None:
         for role, shape in (("bounds", bounds), *(("obstacle", one) for one in environment.obstacles))
     ]
     text = '{"type": "FeatureCollection", "features": [\n' + ",\n".join(rows) + "\n]}\n"
-    write_atomically(path, text.encode("utf-8"))
+    write_whole(path, text)
 
 
 # All of them ------------------------------------------------------------------------------------------------

@@ -9,8 +9,6 @@ from __future__ import annotations
 import hashlib
 import json
 import math
-import os
-import tempfile
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any, Final
@@ -19,6 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from guided_gym.errors import InvalidInputError, StorageError
+from guided_gym.storage.whole_file import write_whole
 
 Tensors = dict[str, NDArray[Any]]
 
@@ -124,29 +123,6 @@ def _header(data: bytes, where: str | Path) -> tuple[dict[str, Any], memoryview]
     return header, memoryview(data)[8 + length :]
 
 
-def write_atomically(file: Path, data: bytes) -> None:
-    """Write a file whole or not at all, whenever the process is killed.
-
-    Raises:
-        StorageError: The place cannot be written.
-    """
-    try:
-        file.parent.mkdir(parents=True, exist_ok=True)
-        handle, name = tempfile.mkstemp(dir=file.parent, prefix=f".{file.name}.")
-        try:
-            with os.fdopen(handle, "wb") as stream:
-                stream.write(data)
-                stream.flush()
-                os.fsync(stream.fileno())
-            os.chmod(name, 0o644)
-            os.replace(name, file)
-        except BaseException:
-            Path(name).unlink(missing_ok=True)
-            raise
-    except OSError as error:
-        raise StorageError(f"cannot write {file}: {error}") from error
-
-
 def read_bytes(file: Path, what: str) -> bytes:
     """A file's content.
 
@@ -168,8 +144,8 @@ def save_agent(folder: Path, card: Mapping[str, Any], tensors: Mapping[str, NDAr
     data = pack_tensors(tensors)
     content = {"format": CARD_FORMAT, "kind": AGENT_KIND, **card}
     content["weights_sha256"] = hashlib.sha256(data).hexdigest()
-    write_atomically(folder / WEIGHTS_FILE, data)
-    write_atomically(folder / CARD_FILE, (json.dumps(content, indent=2) + "\n").encode())
+    write_whole(folder / WEIGHTS_FILE, data)
+    write_whole(folder / CARD_FILE, json.dumps(content, indent=2) + "\n")
 
 
 def load_card(folder: Path, kind: str = AGENT_KIND, required: Sequence[str] = _REQUIRED) -> dict[str, Any]:
