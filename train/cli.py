@@ -16,8 +16,7 @@ import typer
 from typer.core import TyperGroup
 
 from guided_gym.errors import GuidedGymError, GuidedGymWarning
-from guided_gym.train.executor_options import Address, ExecutorKind, Kind
-from guided_gym.train.executor_options import executor as chosen
+from guided_gym.train.command_options import WORK, executor_of, takes
 from guided_gym.train.lab_cli import register as register_lab
 from guided_gym.train.plan_cli import register as register_plans
 from guided_gym.train.reinforcement_cli import train_app
@@ -64,7 +63,6 @@ problems_app = typer.Typer(
 app.add_typer(problems_app, name="problems")
 app.add_typer(train_app, name="train")
 
-Workers = Annotated[int, typer.Option(help="Processes that search.")]
 Seeds = Annotated[int, typer.Option(help="Searches per environment and guidance, seeds counted from 0.")]
 Figures = Annotated[bool, typer.Option("--figures/--no-figures", help="Draw figures.")]
 GoalTolerance = Annotated[
@@ -133,6 +131,7 @@ def list_names(imports: Imports = None) -> None:
 
 
 @app.command()
+@takes(WORK)
 def evaluate(
     context: typer.Context,
     env: Annotated[
@@ -148,9 +147,6 @@ def evaluate(
         ),
     ] = "rrt,lazy_prm,medial_axis,hybrid",
     seeds: Seeds = 128,
-    workers: Workers = 2,
-    executor: ExecutorKind = Kind.LOCAL,
-    address: Address = None,
     out: Annotated[Path | None, typer.Option(help="Folder for results; results/ENV by default.")] = None,
     max_samples: Annotated[int, typer.Option(help="Samples after which a search gives up.")] = 1000,
     step: Annotated[
@@ -191,6 +187,7 @@ def evaluate(
         bool, typer.Option("--report", help="Make a page of it, as `guided-gym report FOLDER` does.")
     ] = False,
     imports: Imports = None,
+    **given: Any,
 ) -> None:
     """Evaluate guidances on environments: a table, a results file and figures. Call it again to resume."""
     from guided_gym.options import OracleOptions, TargetParameters
@@ -219,7 +216,7 @@ def evaluate(
     folder = out or Path("results") / (label + ("" if protocol == "whole" else f"-{protocol}"))
     with progress_bar(f"Evaluating on {', '.join(names)}", folder) as progress:
         results = run(
-            names, guidances, seeds=seeds, workers=chosen(executor, address, workers), out=folder,
+            names, guidances, seeds=seeds, workers=executor_of(given), out=folder,
             settings=settings, database=database, imports=imports or (), progress=progress,
         )  # fmt: skip
     plans = [Plan(name, spec, settings) for name in names for spec in as_specs(guidances, database)]
@@ -266,6 +263,7 @@ def _resolution(text: str) -> tuple[int, ...] | None:
 
 
 @app.command("single-step")
+@takes(WORK)
 def single_step(
     env: Annotated[str, typer.Option(help="The environment (see `guided-gym list`).")],
     guidance: Annotated[str, typer.Option(help="Guidances that are judged, as for evaluate.")],
@@ -274,12 +272,10 @@ def single_step(
     ] = "",
     seeds: Seeds = 32,
     moments: Annotated[int, typer.Option(help="Trees that are taken of each search.")] = 4,
-    workers: Workers = 2,
-    executor: ExecutorKind = Kind.LOCAL,
-    address: Address = None,
     max_samples: Annotated[int, typer.Option(help="Samples after which a search gives up.")] = 1000,
     out: Annotated[Path | None, typer.Option(help="Folder for the table as CSV and JSON.")] = None,
     imports: Imports = None,
+    **given: Any,
 ) -> None:
     """Judge how guidances select on the same trees, harvested from searches."""
     from guided_gym.train.single_step import record, single_step_table
@@ -289,7 +285,7 @@ def single_step(
 
     rows = run(
         env, words("guidance", guidance), harvesters=words("from", harvest), seeds=seeds, moments=moments,
-        workers=chosen(executor, address, workers),
+        workers=executor_of(given),
         settings=EvaluationSettings(max_samples=max_samples), imports=imports or (),
     )  # fmt: skip
     console().print(single_step_table(rows, env))
@@ -299,12 +295,10 @@ def single_step(
 
 
 @app.command()
+@takes(WORK)
 def reproduce(
     context: typer.Context,
     seeds: Seeds = 128,
-    workers: Workers = 2,
-    executor: ExecutorKind = Kind.LOCAL,
-    address: Address = None,
     out: Annotated[Path, typer.Option(help="Folder for results, figures and tables.")] = Path(
         "results/paper"
     ),
@@ -319,6 +313,7 @@ def reproduce(
     arms: Annotated[
         bool, typer.Option("--arms", help="Ask the claims anew of an arm, in the folder's subfolder arms.")
     ] = False,
+    **given: Any,
 ) -> None:
     """Run the paper's experiments, draw its figures and check its claims. Call it again to resume."""
     from guided_gym.train.report import note_evaluation
@@ -326,9 +321,9 @@ def reproduce(
     from guided_gym.train.reproduction import reproduce_arms, save_report
 
     if ompl:
-        _reproduce_ompl(seeds, workers, out)
+        _reproduce_ompl(seeds, given["workers"], out)
         return
-    doing = chosen(executor, address, workers)
+    doing = executor_of(given)
     if arms:
         out, figures = out / "arms", False  # the figures are of the plane
         with progress_bar("Asking of an arm", out) as progress:
@@ -358,15 +353,14 @@ def _reproduce_ompl(seeds: int, workers: int, out: Path) -> None:
 
 
 @database_app.command("build")
+@takes(WORK)
 def database_build(
     env: Annotated[str, typer.Argument(help="Environment whose problems are solved.")],
     paths: Annotated[int, typer.Option(help="Paths that the database is to hold.")],
-    workers: Workers = 2,
-    executor: ExecutorKind = Kind.LOCAL,
-    address: Address = None,
     out: Annotated[Path | None, typer.Option(help="The file; databases/ENV.sqlite by default.")] = None,
     seed: Annotated[int, typer.Option(help="Seed of the first problem.")] = 1_000_000,
     imports: Imports = None,
+    **given: Any,
 ) -> None:
     """Solve problems of an environment and keep their paths. Call it again to resume, or for more paths."""
     from guided_gym.train.paths import build_path_database
@@ -376,7 +370,7 @@ def database_build(
     file = out or Path("databases") / f"{file_label(env)}.sqlite"
     with progress_bar(f"Solving {env}", file) as progress:
         report = build_path_database(
-            env, file, paths, workers=chosen(executor, address, workers), offset=seed,
+            env, file, paths, workers=executor_of(given), offset=seed,
             imports=tuple(imports or ()), progress=progress,
         )  # fmt: skip
     print(f"{file}: {report.paths} paths ({report.solved} new, {report.unsolved} problems not solved)")
@@ -391,17 +385,16 @@ def database_info(file: Annotated[Path, typer.Argument(help="A path database.")]
 
 
 @problems_app.command("build")
+@takes(WORK)
 def problems_build(
     env: Annotated[str, typer.Argument(help="Environment whose problems are drawn; NAME@train for a split.")],
     count: Annotated[int, typer.Option(help="Problems that the set is to hold.")],
-    workers: Workers = 2,
-    executor: ExecutorKind = Kind.LOCAL,
-    address: Address = None,
     out: Annotated[Path | None, typer.Option(help="The file; problems/ENV.problems by default.")] = None,
     seed: Annotated[int, typer.Option(help="Seed of the first problem.")] = 0,
     goal_tolerance: GoalTolerance = None,
     goal_edge: GoalEdge = None,
     imports: Imports = None,
+    **given: Any,
 ) -> None:
     """Draw problems and solve their oracles, for gym.make(id, problems=FILE). Call it again to resume."""
     from guided_gym.catalogue.problem_set import SUFFIX, build_problem_set
@@ -413,7 +406,7 @@ def problems_build(
     with progress_bar(f"Drawing {env}", file) as progress:
         report = build_problem_set(
             file, env, count, first=seed, goal_tolerance=goal_tolerance, goal_edge=goal_edge,
-            workers=chosen(executor, address, workers), prepare=prepare, progress=progress,
+            workers=executor_of(given), prepare=prepare, progress=progress,
         )  # fmt: skip
     without = f", {report.without_path} of them without a path" if report.without_path else ""
     print(f"{file}: {report.problems} problems ({report.solved} new{without})")

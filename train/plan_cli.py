@@ -9,11 +9,12 @@ import math
 import time
 from collections.abc import Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any, Final
 
 import typer
 
 from guided_gym.errors import InvalidInputError, NoPathError
+from guided_gym.train.command_options import Options, takes
 from guided_gym.train.terminal import console
 
 if TYPE_CHECKING:
@@ -38,17 +39,41 @@ RobotOption = Annotated[
 ]
 Start = Annotated[str | None, typer.Option(help="X,Y or X,Y,HEADING (radians); the file's by default.")]
 Goal = Annotated[str | None, typer.Option(help="X,Y or X,Y,HEADING (radians); the file's by default.")]
-Unknown = Annotated[str, typer.Option(help="What unknown cells of a raster count as: occupied or free.")]
-Threshold = Annotated[float, typer.Option(help="Probability from which a cell of a raster is occupied.")]
-Simplify = Annotated[
-    float, typer.Option(help="Passages up to this width may open or close, for simpler polygons.")
-]
-Speckles = Annotated[int, typer.Option(help="Parts of a raster of fewer cells than this are left out.")]
-Resolution = Annotated[float | None, typer.Option(help="Side of a cell of a picture or array.")]
-Geographic = Annotated[
-    bool, typer.Option("--geographic", help="GeoJSON in degrees of longitude and latitude, to metres.")
-]
-Repair = Annotated[bool, typer.Option("--repair", help="Mend polygons that cross themselves (GeoJSON).")]
+MAP: Final[Options] = {  # the fields of `MapOptions` that a command line sets
+    "unknown": (
+        Annotated[str, typer.Option(help="What unknown cells of a raster count as: occupied or free.")],
+        "occupied",
+    ),
+    "threshold": (
+        Annotated[float, typer.Option(help="Probability from which a cell of a raster is occupied.")],
+        0.5,
+    ),
+    "simplify": (
+        Annotated[
+            float, typer.Option(help="Passages up to this width may open or close, for simpler polygons.")
+        ],
+        0.0,
+    ),
+    "speckles": (
+        Annotated[int, typer.Option(help="Parts of a raster of fewer cells than this are left out.")],
+        1,
+    ),
+    "resolution": (
+        Annotated[float | None, typer.Option(help="Side of a cell of a picture or array.")],
+        None,
+    ),
+    "geographic": (
+        Annotated[
+            bool,
+            typer.Option("--geographic", help="GeoJSON in degrees of longitude and latitude, to metres."),
+        ],
+        False,
+    ),
+    "repair": (
+        Annotated[bool, typer.Option("--repair", help="Mend polygons that cross themselves (GeoJSON).")],
+        False,
+    ),
+}
 
 
 def register(app: typer.Typer) -> None:
@@ -57,6 +82,7 @@ def register(app: typer.Typer) -> None:
         app.command()(command)
 
 
+@takes(MAP)
 def plan(
     file: File,
     robot: RobotOption = None,
@@ -87,20 +113,15 @@ def plan(
     ] = None,
     json_file: Annotated[Path | None, typer.Option("--json", help="Write all of the plan.")] = None,
     csv_file: Annotated[Path | None, typer.Option("--csv", help="Write the waypoints.")] = None,
-    unknown: Unknown = "occupied",
-    threshold: Threshold = 0.5,
-    simplify: Simplify = 0.0,
-    speckles: Speckles = 1,
-    resolution: Resolution = None,
-    geographic: Geographic = False,
-    repair: Repair = False,
+    **given: Any,
 ) -> None:
     """Plan a path on a map, or many: its length, clearance, samples and time."""
+    from guided_gym.catalogue.maps import MapOptions
     from guided_gym.train.plans import Planner, read_tasks
 
     check_outputs(svg, history)
     began = time.perf_counter()
-    options = _map_options(unknown, threshold, simplify, speckles, resolution, geographic, repair)
+    options = MapOptions(**given)
     first = None if tasks is None else _first_task(tasks)
     problem = _problem(file, robot, start or (first and first[0]), goal or (first and first[1]), options)
     planner = Planner(problem, guidance, max_samples=max_samples, smoothing=smooth, room=room)
@@ -125,6 +146,7 @@ def plan(
         raise typer.Exit(EXIT_UNSOLVED)
 
 
+@takes(MAP)
 def check(
     file: File,
     robot: RobotOption = None,
@@ -132,20 +154,15 @@ def check(
     goal: Goal = None,
     svg: Annotated[Path | None, typer.Option(help="Draw what was found: .svg, .png or .pdf.")] = None,
     path: Annotated[bool, typer.Option(help="Look whether there is a path at all.")] = True,
-    unknown: Unknown = "occupied",
-    threshold: Threshold = 0.5,
-    simplify: Simplify = 0.0,
-    speckles: Speckles = 1,
-    resolution: Resolution = None,
-    geographic: Geographic = False,
-    repair: Repair = False,
+    **given: Any,
 ) -> None:
     """Say what is wrong with a problem or map, draw it, and name the gaps that are narrow for the robot."""
     from guided_gym.catalogue.inspection import narrow_gaps, robot_widths
+    from guided_gym.catalogue.maps import MapOptions
     from guided_gym.geometry.space import ConfigurationSpace
 
     check_outputs(svg)
-    options = _map_options(unknown, threshold, simplify, speckles, resolution, geographic, repair)
+    options = MapOptions(**given)
     environment, body, poses, weight = _parts(file, robot, start, goal, options)
     rows = [("workspace", _size_of(environment))]
     gaps: list[Gap] = []
@@ -185,6 +202,7 @@ def check(
         raise typer.Exit(EXIT_UNSOLVED)
 
 
+@takes(MAP)
 def convert(
     source: Annotated[Path, typer.Argument(help="A problem file or a map.")],
     target: Annotated[
@@ -194,24 +212,18 @@ def convert(
     start: Start = None,
     goal: Goal = None,
     task: Annotated[int, typer.Option(help="Which task of a MovingAI scenario.")] = 0,
-    unknown: Unknown = "occupied",
-    threshold: Threshold = 0.5,
-    simplify: Simplify = 0.0,
-    speckles: Speckles = 1,
-    resolution: Resolution = None,
-    geographic: Geographic = False,
-    repair: Repair = False,
+    **given: Any,
 ) -> None:
     """Convert a map or problem: into a problem file, GeoJSON or a picture."""
     from guided_gym.catalogue.files import file_of, map_file, write_problem_file
-    from guided_gym.catalogue.maps import write_geojson
+    from guided_gym.catalogue.maps import MapOptions, write_geojson
 
     suffix = target.suffix.lower()
     if suffix not in (".toml", ".json", ".geojson", ".svg", ".png", ".pdf"):
         raise InvalidInputError(
             f"{target}: expected .toml, .json, .geojson, .svg, .png or .pdf, got {target.suffix!r}"
         )
-    options = _map_options(unknown, threshold, simplify, speckles, resolution, geographic, repair)
+    options = MapOptions(**given)
     body: Robot | None
     poses: dict[str, list[float]] = {}
     if source.suffix.lower() == ".scen":
@@ -240,28 +252,6 @@ def convert(
 
 
 # What the options say ---------------------------------------------------------------------------------------
-
-
-def _map_options(
-    unknown: str,
-    threshold: float,
-    simplify: float,
-    speckles: int,
-    resolution: float | None,
-    geographic: bool,
-    repair: bool,
-) -> MapOptions:
-    from guided_gym.catalogue.maps import MapOptions
-
-    return MapOptions(
-        unknown=unknown,
-        threshold=threshold,
-        simplify=simplify,
-        speckles=speckles,
-        resolution=resolution,
-        geographic=geographic,
-        repair=repair,
-    )
 
 
 def parse_robot(text: str) -> Robot:

@@ -9,8 +9,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from guided_gym.train.executor_options import Address, ExecutorKind, Kind, ValidationWorkers
-from guided_gym.train.executor_options import executor as chosen
+from guided_gym.train.command_options import VALIDATION_WORK, executor_of, takes
 from guided_gym.train.terminal import progress_bar
 from guided_gym.train.training_cli import (
     DEVICE,
@@ -20,8 +19,8 @@ from guided_gym.train.training_cli import (
     Config,
     OptionTable,
     need,
+    optional,
     settings_of,
-    takes,
     train_app,
 )
 
@@ -66,41 +65,37 @@ _SCORER: OptionTable = {
 
 
 @train_app.command("hybrid")
-@takes(_HYBRID)
+@takes({**VALIDATION_WORK, **optional(_HYBRID)})
 def hybrid(
     env: Env = None,
     config: Config = None,
     out: Out = None,
-    workers: ValidationWorkers = 1,
-    executor: ExecutorKind = Kind.LOCAL,
-    address: Address = None,
     **given: Any,
 ) -> None:
     """Learn which guiding space guides when, by plain PPO. Call it again to resume."""
     need("torch", "stable_baselines3", "sb3_contrib")
     from guided_gym.train.hybrid_rule import HybridConfig, train_hybrid
 
+    executor = executor_of(given)
     settings = settings_of(HybridConfig, config, {"environments": env, **given})
-    _run("hybrid", train_hybrid, settings, out, chosen(executor, address, workers))
+    _run("hybrid", train_hybrid, settings, out, executor)
 
 
 @train_app.command("ppo")
-@takes(_SCORER)
+@takes({**VALIDATION_WORK, **optional(_SCORER)})
 def ppo(
     env: Env = None,
     config: Config = None,
     out: Out = None,
-    workers: ValidationWorkers = 1,
-    executor: ExecutorKind = Kind.LOCAL,
-    address: Address = None,
     **given: Any,
 ) -> None:
     """Learn which node to expand, by MaskablePPO with the node scorer as policy. Call it again to resume."""
     need("torch", "stable_baselines3", "sb3_contrib")
     from guided_gym.train.node_policy import PPOConfig, train_ppo
 
+    executor = executor_of(given)
     settings = settings_of(PPOConfig, config, {"environments": env, **given})
-    _run("ppo", train_ppo, settings, out, chosen(executor, address, workers))
+    _run("ppo", train_ppo, settings, out, executor)
 
 
 @train_app.command("curves")

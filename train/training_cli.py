@@ -3,23 +3,20 @@
 from __future__ import annotations
 
 import importlib.util
-import inspect
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, TypeVar
 
 import typer
 
 from guided_gym.errors import GuidedGymError
-from guided_gym.train.executor_options import Address, ExecutorKind, Kind, ValidationWorkers
-from guided_gym.train.executor_options import executor as chosen
+from guided_gym.train.command_options import VALIDATION_WORK, Options, executor_of, takes
 from guided_gym.train.terminal import progress_bar
 
 if TYPE_CHECKING:
     from rich.table import Table
 
 C = TypeVar("C")
-Command = TypeVar("Command", bound=Callable[..., None])
 
 train_app = typer.Typer(help="Train learned guidance (needs the extra 'train').", no_args_is_help=True)
 
@@ -54,25 +51,11 @@ _OPTIONS: OptionTable = {
 }
 
 
-def takes(options: OptionTable) -> Callable[[Command], Command]:
-    """Give a command the options of a table, in place of its ``**given``; None for those left out."""
-
-    def decorate(command: Command) -> Command:
-        signature = inspect.signature(command, eval_str=True)
-        own = [p for p in signature.parameters.values() if p.kind is not p.VAR_KEYWORD]
-        rows = [
-            inspect.Parameter(
-                name,
-                inspect.Parameter.KEYWORD_ONLY,
-                default=None,
-                annotation=Annotated[kind | None, typer.Option(help=text)],
-            )
-            for name, (kind, text) in options.items()
-        ]
-        command.__signature__ = signature.replace(parameters=[*own, *rows])  # type: ignore[attr-defined]
-        return command
-
-    return decorate
+def optional(table: OptionTable) -> Options:
+    """The options of a table as a command takes them; None for those left out."""
+    return {
+        name: (Annotated[kind | None, typer.Option(help=text)], None) for name, (kind, text) in table.items()
+    }
 
 
 def need(*packages: str) -> None:
@@ -109,16 +92,13 @@ def settings_of(kind: type[C], config: Path | None, given: Mapping[str, Any]) ->
 
 
 @train_app.command("imitation")
-@takes(_OPTIONS)
+@takes({**VALIDATION_WORK, **optional(_OPTIONS)})
 def imitation(
     env: Annotated[
         str | None, typer.Argument(help="Environments to learn from, separated by commas.")
     ] = None,
     config: Config = None,
     out: Out = None,
-    workers: ValidationWorkers = 1,
-    executor: ExecutorKind = Kind.LOCAL,
-    address: Address = None,
     **given: Any,
 ) -> None:
     """Learn a field network from the oracle and a node scorer from its target. Call it again to resume."""
@@ -126,10 +106,11 @@ def imitation(
     from guided_gym.train.imitation import AGENT_FOLDER, ImitationConfig, train_imitation
     from guided_gym.train.specs import learned_word
 
+    executor = executor_of(given)
     settings = settings_of(ImitationConfig, config, {"environments": env, **given})
     folder = out or Path("runs") / f"imitation-{'+'.join(settings.environments)}"
     with progress_bar("Imitation", folder) as progress:
-        card = train_imitation(settings, folder, progress, chosen(executor, address, workers))
+        card = train_imitation(settings, folder, progress, executor)
     _print_history(card)
     agent = folder / AGENT_FOLDER
     print(f"\nAgent in {agent}; try: guided-gym evaluate --guidance {learned_word(agent)} --env ...")
