@@ -8,6 +8,7 @@ import math
 import time
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Final
 
@@ -181,27 +182,17 @@ def guided_search(
     search = Search(problem, expansion_rng, guidance_rng, options)
     metric = Measure(search) if measure else None  # solves the oracle before the clock starts
     began = time.perf_counter()
-    propose = None
-    if isinstance(guidance, WatchedPlanner):
-        guidance.prepare(search)
-    else:
-        search.attach(guidance)
-        propose = proposer(search, expansion)  # another guiding space has to be prepared, too
+    # Distribution and trace are asked for sample by sample, so such a search runs in no bursts.
+    run = _prepared(search, guidance, expansion, one_by_one=distributions or trace is not None)
     preparation = time.perf_counter() - began
     guide = None if isinstance(guidance, WatchedPlanner) else guidance
-    # Distribution and trace are asked for sample by sample, so such a search runs in no bursts.
-    if guide is not None and (distributions or trace is not None) and propose is None:
-        propose = guide.propose
     labels = {"guidance": _label(guidance), "expansion": None if expansion is None else _label(expansion)}
     with _traced(trace) as writer:
         recorder = _Recorder(search, guide, metric, distributions, writer)
         if writer is not None:
             writer.begin(search, guide=guide, measure=metric, seed=seed, labels=labels)
         began, burnt = time.perf_counter(), time.process_time()
-        if isinstance(guidance, WatchedPlanner):
-            guidance.run(search, max_samples, watcher=recorder, progress=progress)
-        else:
-            search.run(guidance, max_samples, propose=propose, watcher=recorder, progress=progress)
+        run(max_samples, watcher=recorder, progress=progress)
         whole = time.perf_counter() - began
         seconds = whole - recorder.seconds
         # The processor's clock is dear to read at each sample. A busy machine takes as much of the metric as
@@ -228,6 +219,24 @@ def guided_search(
         search.tries,
         colliding,
     )
+
+
+def _prepared(
+    search: Search,
+    guidance: GuidingSpace | WatchedPlanner,
+    expansion: GuidingSpace | str | None,
+    *,
+    one_by_one: bool,
+) -> Callable[..., None]:
+    """Get all who guide ready; returns what runs the search, of a limit, a watcher and a progress."""
+    if isinstance(guidance, WatchedPlanner):
+        guidance.prepare(search)
+        return partial(guidance.run, search)
+    search.attach(guidance)
+    propose = proposer(search, expansion)  # another guiding space has to be prepared, too
+    if propose is None and one_by_one:
+        propose = guidance.propose
+    return partial(search.run, guidance, propose=propose)
 
 
 def _traced(place: str | Path | TextSink | None) -> contextlib.AbstractContextManager[TraceWriter | None]:
