@@ -8,14 +8,13 @@ from typing import TYPE_CHECKING, Any, Final
 import numpy as np
 
 from guided_gym.display.pages import embedded, escaped, page
-from guided_gym.display.replay import SCRIPTS, rounded_row
-from guided_gym.display.scene import digits_of, scene_of
+from guided_gym.display.replay import SCRIPTS, note_rest, shown_lines
 from guided_gym.display.svg import Picture, problem_picture
 from guided_gym.geometry.robots import Robot
 from guided_gym.guidance.cells import Uninformed, Voronoi
 from guided_gym.measure.target import Measure
 from guided_gym.search.search import NO_NODE, Search
-from guided_gym.traces.views import FIELD_CELLS, heuristic_field, leaf_guides
+from guided_gym.traces.views import FIELD_CELLS, drawing_of, heuristic_field, leaf_guides
 from guided_gym.traces.writing import TraceWriter, label_of
 
 if TYPE_CHECKING:
@@ -133,14 +132,10 @@ def lines_again(result: SearchResult) -> list[dict[str, Any]] | None:
         expansion = search.expand(node, targets[i])
         writer.became(expansion, float(record.efficiency[i]), float(record.best[i]))
     writer.end(search.path())
-    header, digits = lines[0], digits_of(problem.environment.extent)
-    del header["problem"]
-    header["scene"] = scene_of(problem)
+    shown = shown_lines(lines[0], lines[1:], problem)
     if result.samples > MOST_SAMPLES:
-        header["notices"] = [
-            f"The search has {result.samples:,} samples, of which the first {MOST_SAMPLES:,} are shown."
-        ]
-    return [header, *(rounded_row(row, digits) if "n" in row else row for row in lines[1:])]
+        note_rest(shown, MOST_SAMPLES, result.samples - MOST_SAMPLES)
+    return shown
 
 
 def guiding_space_html(guide: GuidingSpace) -> str:
@@ -164,8 +159,7 @@ def guiding_space_html(guide: GuidingSpace) -> str:
 
 def _seen(guide: GuidingSpace, search: Search) -> str:
     picture = Picture(search.problem, f"What {label_of(guide)} sees")
-    draw = getattr(guide, "drawing", None)
-    drawing = draw(values=False) if draw is not None else {}
+    drawing = drawing_of(guide)
     planar = isinstance(search.problem.robot, Robot)
     if "field" in drawing:
         picture.field(drawing["field"], drawing["bounds"])

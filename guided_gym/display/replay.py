@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from pathlib import Path
 from typing import Any, Final
 
@@ -11,6 +11,7 @@ from guided_gym.checks import integer
 from guided_gym.display.pages import embedded, escaped, page
 from guided_gym.display.scene import digits_of, scene_of
 from guided_gym.errors import InvalidInputError
+from guided_gym.problems import Problem
 from guided_gym.traces.reading import NUMBERS, TraceReader
 
 MOST_SAMPLES: Final = 100_000
@@ -61,18 +62,27 @@ def trace_content(path: str | Path, *, samples: int = MOST_SAMPLES) -> dict[str,
     most = integer("samples", samples, least=1)
     reader = TraceReader(path, most)
     problem = problem_of(reader.header["problem"], reader.path)
-    header = {key: value for key, value in reader.header.items() if key not in _HIDDEN}
-    header["scene"] = scene_of(problem)
-    digits = digits_of(problem.environment.extent)
-    lines: list[Row] = [header]
-    lines += [rounded_row(row, digits) if "n" in row else row for row in reader]
+    lines = shown_lines(reader.header, reader, problem)
     if reader.beyond:
-        header["notices"] = [
-            f"The search has {most + reader.beyond:,} samples, of which the first {most:,} are shown."
-        ]
+        note_rest(lines, most, reader.beyond)
     elif reader.end is not None:
         lines.append({"end": reader.end})
     return {"lines": lines, "trouble": reader.trouble}
+
+
+def shown_lines(header: Row, rows: Iterable[Row], problem: Problem) -> list[Row]:
+    """Lines of a trace as a page has them: with the problem as a scene, rounded to what an eye can see."""
+    shown = {key: value for key, value in header.items() if key not in _HIDDEN}
+    shown["scene"] = scene_of(problem)
+    digits = digits_of(problem.environment.extent)
+    return [shown, *(rounded_row(row, digits) if "n" in row else row for row in rows)]
+
+
+def note_rest(lines: list[Row], shown: int, beyond: int) -> None:
+    """Say on a page that a search goes on after the samples that it shows."""
+    lines[0]["notices"] = [
+        f"The search has {shown + beyond:,} samples, of which the first {shown:,} are shown."
+    ]
 
 
 def rounded_row(row: Row, digits: int) -> Row:

@@ -34,6 +34,12 @@ def leaf_guides(guide: GuidingSpace | None) -> list[GuidingSpace]:
     return [leaf for one in guides for leaf in leaf_guides(one)]
 
 
+def drawing_of(guide: GuidingSpace) -> dict[str, Any]:
+    """What a guiding space has to show of what it sees, a graph or a field; empty if it has neither."""
+    draw = getattr(guide, "drawing", None)
+    return draw(values=False) if draw is not None else {}
+
+
 class GuideView:
     """The lines that show what one guiding space sees, as it learns.
 
@@ -50,7 +56,7 @@ class GuideView:
 
     def first(self) -> Rows:
         """Before the first sample."""
-        drawing = self._drawing()
+        drawing = drawing_of(self._guide)
         if drawing:
             return self._shown(drawing)
         if isinstance(self._guide, Uninformed) or not isinstance(self._search.problem.robot, Robot):
@@ -61,12 +67,8 @@ class GuideView:
 
     def changes(self) -> Rows:
         """What the last sample has changed."""
-        drawing = self._drawing()
+        drawing = drawing_of(self._guide)
         return self._shown(drawing) if drawing else []
-
-    def _drawing(self) -> dict[str, Any]:
-        draw = getattr(self._guide, "drawing", None)
-        return draw(values=False) if draw is not None else {}
 
     def _shown(self, drawing: dict[str, Any]) -> Rows:
         if "field" in drawing:
