@@ -68,30 +68,25 @@ clean: ## Remove environments, builds and caches; results stay
 	@rm -rf $(RUN) $(TEST) $(BENCH) $(DOCS) site build dist *.egg-info .mypy_cache .ruff_cache .pytest_cache .hypothesis
 	@find guided_gym envs agents train tests benchmarks -name __pycache__ -prune -exec rm -rf {} +
 
+# $(call install,ENVIRONMENT,PACKAGE,WITH) installs the package, with what the message says beside it.
 # build/ goes before and after each install: setuptools would pack what an older tree left in it.
-$(RUN)/.installed: $(METADATA) $(SOURCES)
-	@echo "Installing guided-gym into $(RUN) ..."
+define install
+	@echo "Installing guided-gym$(3) into $(1) ..."
 	@rm -rf build
-	@test -x $(RUN)/bin/python || $(PYTHON) -m venv $(RUN)
-	@$(RUN)/bin/python $(PIP_INSTALL) .
+	@test -x $(1)/bin/python || $(PYTHON) -m venv $(1)
+	@$(1)/bin/python $(PIP_INSTALL) '$(2)'
 	@rm -rf build
 	@touch $@
+endef
+
+$(RUN)/.installed: $(METADATA) $(SOURCES)
+	$(call install,$(RUN),.)
 
 $(BENCH)/.installed: $(METADATA) $(SOURCES)
-	@echo "Installing guided-gym and the benchmarks' peers into $(BENCH) ..."
-	@rm -rf build
-	@test -x $(BENCH)/bin/python || $(PYTHON) -m venv $(BENCH)
-	@$(BENCH)/bin/python $(PIP_INSTALL) '.[bench]'
-	@rm -rf build
-	@touch $@
+	$(call install,$(BENCH),.[bench], and the benchmarks' peers)
 
 $(DOCS)/.installed: $(METADATA) $(SOURCES)
-	@echo "Installing guided-gym and mkdocs into $(DOCS) ..."
-	@rm -rf build
-	@test -x $(DOCS)/bin/python || $(PYTHON) -m venv $(DOCS)
-	@$(DOCS)/bin/python $(PIP_INSTALL) '.[docs]'
-	@rm -rf build
-	@touch $@
+	$(call install,$(DOCS),.[docs], and mkdocs)
 
 # A new environment whenever the pins change, so that nothing stays that they no longer name. The package
 # comes along for its dependencies only and leaves again: the tests get the wheel. On Linux,
