@@ -18,12 +18,7 @@ from guided_gym.measure import oracle as oracle_module
 from guided_gym.measure.oracle import Oracle, oracle_for
 
 BOUNDS = (0.0, 0.0, 10.0, 10.0)
-
-
-@pytest.fixture(autouse=True)
-def own_cache(tmp_path, monkeypatch):
-    monkeypatch.setenv("GUIDED_GYM_CACHE", str(tmp_path / "cache"))
-    monkeypatch.setattr(oracle_module, "_remembered", type(oracle_module._remembered)())
+pytestmark = pytest.mark.usefixtures("own_cache")
 
 
 def point_space(*obstacles, bounds=BOUNDS):

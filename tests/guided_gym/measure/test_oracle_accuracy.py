@@ -16,7 +16,6 @@ from guided_gym.geometry.environment import Environment
 from guided_gym.geometry.robots import Robot
 from guided_gym.geometry.space import ConfigurationSpace
 from guided_gym.measure import grid, solution
-from guided_gym.measure import oracle as oracle_module
 from guided_gym.measure.certified import descent, lengths_left
 from guided_gym.measure.grid import grid_joins
 from guided_gym.measure.oracle import Oracle, oracle_for
@@ -24,13 +23,7 @@ from guided_gym.options import OracleOptions, SearchOptions
 from guided_gym.planning import guided_search
 
 BOUNDS = (0.0, 0.0, 10.0, 10.0)
-
-
-@pytest.fixture(autouse=True)
-def own_cache(tmp_path, monkeypatch):
-    monkeypatch.setenv("GUIDED_GYM_CACHE", str(tmp_path / "cache"))
-    monkeypatch.setattr(oracle_module, "_remembered", type(oracle_module._remembered)())
-    solution._warned.set()  # where a warning is meant, the test clears it
+pytestmark = pytest.mark.usefixtures("own_cache")
 
 
 def space_of(*obstacles, robot=None):

@@ -18,7 +18,6 @@ from guided_gym.geometry.linkages import Linkage
 from guided_gym.geometry.robots import Robot
 from guided_gym.geometry.space import ConfigurationSpace
 from guided_gym.kernels.cost_query import cost_to_go_many
-from guided_gym.measure import oracle as oracle_module
 from guided_gym.measure import roadmap, solution
 from guided_gym.measure.oracle import Oracle, oracle_for
 from guided_gym.options import OracleOptions, SearchOptions
@@ -26,15 +25,8 @@ from guided_gym.planning import guided_search
 from guided_gym.problems import Problem, Task
 
 BOUNDS = (0.0, 0.0, 10.0, 10.0)
+pytestmark = pytest.mark.usefixtures("own_cache")
 ROADMAP = OracleOptions(method="roadmap", resolution=(3000,))
-
-
-@pytest.fixture(autouse=True)
-def own_cache(tmp_path, monkeypatch):
-    monkeypatch.setenv("GUIDED_GYM_CACHE", str(tmp_path / "cache"))
-    monkeypatch.setattr(oracle_module, "_remembered", type(oracle_module._remembered)())
-    monkeypatch.setattr(roadmap, "_worlds", type(roadmap._worlds)())
-    solution._warned.set()  # where a warning is meant, the test clears it
 
 
 def space_of(*obstacles, robot=None):
