@@ -286,8 +286,8 @@ def time_path(
         path: (n, d) a free path.
         velocity: Largest speed of each coordinate, or of all (length or radians per second).
         acceleration: Largest acceleration of each coordinate, or of all.
-        blend: How far from a corner its rounding may begin (length); the local planner's step, 5 % of the
-            workspace's diagonal, by default; 0 to stop at each corner.
+        blend: How far from a corner its rounding may begin (length); 5 % of the workspace's diagonal
+            by default; 0 to stop at each corner.
         interval: Seconds between the rows of the result.
 
     Raises:

@@ -150,7 +150,10 @@ def evaluate(
     out: Annotated[Path | None, typer.Option(help="Folder for results; results/ENV by default.")] = None,
     max_samples: Annotated[int, typer.Option(help="Samples after which a search gives up.")] = 1000,
     step: Annotated[
-        float | None, typer.Option(help="Radius of an expansion; 5 % of the workspace's diagonal by default.")
+        float | None,
+        typer.Option(
+            help="Radius of an expansion; by default what suits the space, 5 % of the diagonal at most."
+        ),
     ] = None,
     candidates: Annotated[int, typer.Option(help="Candidates that a guided expansion looks at.")] = 16,
     protocol: Annotated[

@@ -101,7 +101,7 @@ class Planner:
     Args:
         problem: Its robot, environment and metric, and its rule of when a goal counts as reached.
         guidance: Name of a guiding space, with options as on the command line, or `AUTO`.
-        step: Radius of an expansion; by default 8 circumradii of the robot, 5 % of the diagonal at most.
+        step: Radius of an expansion; the `scale` of the space by default.
         max_samples: Samples after which a search gives up.
         smoothing: Attempts to make a path shorter.
         room: Clearance that smoothing keeps (length).

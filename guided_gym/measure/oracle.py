@@ -83,14 +83,13 @@ class Oracle:
         """
         self.space = space
         self.options = DEFAULT_ORACLE if options is None else options
-        method = self.options.method or ("grid" if isinstance(space.robot, Robot) else "roadmap")
-        if method == "grid":
+        method = self.options.method or (grid.KIND if isinstance(space.robot, Robot) else roadmap.KIND)
+        if method == grid.KIND:
             rigid(space.robot, "the oracle's grid")
         self.goal = valid_configuration(space, goal, "goal")
         begin = None if start is None else valid_configuration(space, start, "start")
         asked = self.options if resolution is None else replace(self.options, resolution=tuple(resolution))
-        solve = GridSolution if method == "grid" else RoadmapSolution
-        self._solution: Solution = solve(space, self.goal, begin, asked, cache)
+        self._solution: Solution = _KINDS[method](space, self.goal, begin, asked, cache)
 
     def __repr__(self) -> str:
         return f"Oracle({self.space!r}, goal={self.goal.tolist()}, resolution={self.resolution})"

@@ -334,7 +334,7 @@ class OmplPlanner(WatchedPlanner):
         Args:
             problem: The problem.
             seed: As that of `guided_search`: the same seed has OMPL draw the same numbers.
-            step: The range; 5 % of the workspace's diagonal by default.
+            step: The range; the `scale` of the space by default.
             by_states: Whether OMPL asks for each state of a motion; else we look at all of them in one call,
                 the same ones. Certified motions are always one call.
 

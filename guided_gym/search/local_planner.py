@@ -9,8 +9,8 @@ from guided_gym.checks import integer, number
 from guided_gym.errors import warn
 from guided_gym.geometry.space import ConfigurationSpace
 from guided_gym.kernels.metric import ball_samples, steer
+from guided_gym.options import DEFAULT_CANDIDATES
 
-DEFAULT_CANDIDATES = 16
 _LONG = 1.5
 """Steps longer than this times what the free space suits are warned of."""
 
