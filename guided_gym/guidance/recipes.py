@@ -112,5 +112,6 @@ RECIPES: Final[dict[str, Callable[..., GuidingSpace]]] = {
     "wavefront": recipe(
         Wave,
         "S = C on a coarse grid of poses: when a wave from the goal arrives, slow where there is no room.",
+        detour=0.5,
     ),
 }

@@ -60,3 +60,20 @@ def test_a_guiding_space_as_a_planner_of_ompl():
     lines = run("ompl_guided.py", "--env", "Cup", "--guidance", "rrt").splitlines()
     assert lines[0] == "Exact solution"
     assert "simplified by OMPL" in lines[1]
+
+
+def test_the_best_policy_of_each_reward():
+    lines = [
+        line.rsplit(maxsplit=5)
+        for line in run("best_policies.py", "--gaps", "0.25", "0.001").splitlines()[1:]
+    ]
+    rows = {(name.strip(), float(gap)): tuple(map(float, rest)) for name, gap, *rest in lines}
+    # One of two nodes opens with probability 1/2 at first; 4 samples an edge.
+    assert rows["sample", 0.25][:2] == (1.0, 24.0)
+    for reward in ("efficiency", "regret"):  # to the gap, whatever it takes: 1,000 samples and 5 edges more
+        assert rows[reward, 0.001][:2] == (1.0, 1020.0)
+    assert rows["regret", 0.001][3] == 0.0
+    short, samples, efficiency, _ = rows["sample", 0.001]  # round by the open way: 9 edges of 4 samples
+    assert short < 0.01 and abs(samples - 36.0) < 0.2
+    assert efficiency > rows["efficiency", 0.001][2]
+    assert rows["regret + sample", 0.001] == rows["sample", 0.001]
