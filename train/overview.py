@@ -165,7 +165,7 @@ def _folders() -> Rows:
     store = FieldStore.default()
     folder, trouble = store.folder, store.trouble()
     if folder is None:
-        cache = "switched off by GUIDED_GYM_CACHE=off"
+        cache = "switched off by GUIDED_GYM_CACHE"
     else:
         files = [file for file in folder.rglob("*") if file.is_file()] if folder.is_dir() else []
         size = sum(file.stat().st_size for file in files) / 2**20

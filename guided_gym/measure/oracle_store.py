@@ -24,7 +24,8 @@ FloatArray = npt.NDArray[np.float64]
 EdgeArray = npt.NDArray[np.int32]
 
 ENVIRONMENT_VARIABLE = "GUIDED_GYM_CACHE"
-"""Names the cache folder; "off" works without one."""
+"""Names the cache folder; what says no, such as "off" or "0", works without one."""
+_NO = ("off", "0", "no", "none", "false")
 MAX_BYTES = 512 * 2**20
 """Size above which the files used longest ago are removed."""
 
@@ -55,7 +56,7 @@ class FieldStore:
     def default(cls) -> FieldStore:
         """The user's cache folder, or what the environment variable GUIDED_GYM_CACHE says."""
         named = os.environ.get(ENVIRONMENT_VARIABLE, "")
-        if named.strip().lower() == "off":
+        if named.strip().lower() in _NO:
             return cls(None)
         folder = Path(named).expanduser() if named else Path(platformdirs.user_cache_dir("guided-gym"))
         return cls(folder / "oracle")

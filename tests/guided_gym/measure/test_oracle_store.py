@@ -126,8 +126,9 @@ def test_workers_do_not_warn_again(tmp_path):
     assert run.stderr.count("\n") == 1  # no line of the source
 
 
-def test_off_keeps_nothing(monkeypatch):
-    monkeypatch.setenv("GUIDED_GYM_CACHE", "OFF")
+@pytest.mark.parametrize("value", ["OFF", "0", "no", " False "])
+def test_off_keeps_nothing(value, monkeypatch):
+    monkeypatch.setenv("GUIDED_GYM_CACHE", value)
     store = FieldStore.default()
     assert store.folder is None
     store.save(KEY, FIELD, LINKS)
