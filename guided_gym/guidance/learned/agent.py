@@ -125,7 +125,7 @@ class LearnedGuidance(Composed):
         agent: str | Path | LearnedAgent,
         *,
         temperature: float = 0.0,
-        failure_penalty: float = 0.3,
+        failure_penalty: float = 0.05,
         candidates: int | None = None,
     ) -> None:
         self.agent = agent if isinstance(agent, LearnedAgent) else load_named(str(agent))
