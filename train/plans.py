@@ -21,11 +21,15 @@ from guided_gym.errors import InvalidInputError, StorageError
 from guided_gym.geometry.robots import rigid
 from guided_gym.geometry.space import ConfigurationSpace
 from guided_gym.guidance.base import GuidingSpace
+from guided_gym.guidance.composed import Composed
+from guided_gym.guidance.modifications import Disc
 from guided_gym.guidance.registry import make_guidance
+from guided_gym.guidance.solvers.wave import Wave
 from guided_gym.options import SearchOptions
 from guided_gym.problems import Problem, Task
 from guided_gym.randomness import streams
 from guided_gym.search.search import Search
+from guided_gym.storage.preparations import PreparationStore, keeping
 from guided_gym.train.protocols import guiding_space
 from guided_gym.train.specs import GuidanceSpec
 from guided_gym.trajectories import headings, path_clearance, path_length, smooth
@@ -33,7 +37,7 @@ from guided_gym.trajectories import headings, path_clearance, path_length, smoot
 FloatArray = NDArray[np.float64]
 
 AUTO: Final = "auto"
-"""What guides unless something else is asked for: a wave on a grid as fine as the robot is small."""
+"""What guides unless something else is asked for: waves on a grid as fine as the robot is small."""
 
 MAX_SAMPLES: Final = 2000
 _FEWEST, _MOST = 56, 160  # cells along the grid
@@ -105,6 +109,8 @@ class Planner:
         max_samples: Samples after which a search gives up.
         smoothing: Attempts to make a path shorter.
         room: Clearance that smoothing keeps (length).
+        store: Where what is prepared (rasters, skeletons, roadmaps) is kept on disk for the next time; the
+            user's cache folder by default.
 
     Raises:
         UnknownNameError: No such guidance.
@@ -120,10 +126,12 @@ class Planner:
         max_samples: int = MAX_SAMPLES,
         smoothing: int = 0,
         room: float = 0.0,
+        store: PreparationStore | None = None,
     ) -> None:
         self.problem = problem
+        self.store = store
         self.space = problem.space
-        self.guidance = chosen_guidance(self.space, guidance)
+        self.guides = chosen_guides(self.space, guidance)
         self.options = SearchOptions(step=step)
         self.max_samples = integer("max_samples", max_samples, least=1)
         self.smoothing = integer("smooth", smoothing, least=0)
@@ -148,11 +156,11 @@ class Planner:
         history: list[tuple[float, int, float]] = []
         preparation, samples, searches = 0.0, 0, 0
         while searches == 0 or time.perf_counter() - began < seconds:
-            path, search, ready = self._search(
+            path, drawn, ready = self._search(
                 problem, seed if searches == 0 else _RESTART_SEED + seed + searches
             )
             preparation = ready if searches == 0 else preparation
-            samples, searches = samples + search.samples, searches + 1
+            samples, searches = samples + drawn, searches + 1
             length = math.inf if path is None else path_length(self.space, path)
             if path is not None and (not history or length < history[-1][2]):
                 best = path
@@ -166,35 +174,54 @@ class Planner:
         rows = np.array(history, np.float64).reshape(-1, 3)
         return Answer(problem.task, best, length, clearance, samples, searches, preparation, passed, rows)
 
-    def _search(self, problem: Problem, seed: int) -> tuple[FloatArray | None, Search, float]:
-        """One search: its path, smoothed, and how long the guidance took to get ready."""
-        _, expansion_rng, guidance_rng = streams(seed)
-        began = time.perf_counter()
-        search = Search(problem, expansion_rng, guidance_rng, self.options)
-        search.attach(self.guidance)
-        ready = time.perf_counter() - began
-        search.run(self.guidance, self.max_samples)
-        path = search.path()
+    def _search(self, problem: Problem, seed: int) -> tuple[FloatArray | None, int, float]:
+        """One search: its path, smoothed, the samples drawn, and how long who guides took to get ready."""
+        path, samples, ready = None, 0, 0.0
+        for guide in self.guides:
+            _, expansion_rng, guidance_rng = streams(seed)
+            began = time.perf_counter()
+            search = Search(problem, expansion_rng, guidance_rng, self.options)
+            with keeping(self.store):
+                search.attach(guide)
+            ready += time.perf_counter() - began
+            if guide is not self.guides[-1] and not _sees_way(guide):
+                continue
+            search.run(guide, self.max_samples)
+            path, samples = search.path(), samples + search.samples
+            if path is not None:
+                break
         if path is not None and self.smoothing and len(path) > 1:
             path = smooth(self.space, path, np.random.default_rng(seed), self.smoothing, room=self.room)
-        return path, search, ready
+        return path, samples, ready
 
 
-def chosen_guidance(space: ConfigurationSpace, text: str) -> GuidingSpace:
-    """The guiding space of a name, or for `AUTO` one that fits the space.
+def chosen_guides(space: ConfigurationSpace, text: str) -> list[GuidingSpace]:
+    """The guiding space of a name, or for `AUTO` those that fit the space, in the order in which to try them.
+
+    A wave for the disc that the robot turns in has no headings to look at, so it is some ten times as fast as
+    one for the robot itself. It guides wherever it sees a way for that disc.
 
     Raises:
         UnknownNameError: No such guidance or option.
     """
     if text != AUTO:
-        return guiding_space(GuidanceSpec.parse(text).make(), "plan")
+        return [guiding_space(GuidanceSpec.parse(text).make(), "plan")]
     xmin, ymin, xmax, ymax = space.environment.bounds
     least, turning = robot_widths(rigid(space.robot, AUTO))
     size = max(turning, least) * _CELLS_A_ROBOT
     side = max(xmax - xmin, ymax - ymin)
     wanted = _MOST if size == 0 else side / size
     cells = 8 * math.ceil(min(max(wanted, _FEWEST), _MOST) / 8)
-    return make_guidance("wavefront", cells=cells)
+    whole = make_guidance("wavefront", cells=cells)
+    if space.dimension == 2:
+        return [whole]
+    return [make_guidance("wave", robot=Disc(outer=True), cells=cells), whole]
+
+
+def _sees_way(guide: GuidingSpace) -> bool:
+    """Whether a wave that has been prepared sees a free way from start to goal."""
+    assert isinstance(guide, Composed) and isinstance(guide.solver, Wave)
+    return guide.solver.sees_way
 
 
 # Tasks ------------------------------------------------------------------------------------------------------

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import hashlib
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from functools import cached_property
@@ -117,12 +118,22 @@ class Environment:
     @cached_property
     def obstacle_union(self) -> shapely.Polygon | shapely.MultiPolygon:
         """The union of the obstacles; an empty MultiPolygon, whose distances are NaN, if there are none."""
-        return shapely.union_all(self.obstacles) if self.obstacles else shapely.MultiPolygon()
+        # Parts that touch nobody are left alone: a map of thousands is united in a twentieth of the time.
+        parts = np.array(self.obstacles, dtype=object)
+        return shapely.disjoint_subset_union_all(parts) if self.obstacles else shapely.MultiPolygon()
 
     @cached_property
     def free_space(self) -> shapely.Polygon | shapely.MultiPolygon:
         """The bounds minus the obstacles: where a point robot may be."""
         return shapely.box(*self.bounds).difference(self.obstacle_union)
+
+    @cached_property
+    def fingerprint(self) -> str:
+        """SHA-256 (hex) of bounds and obstacles, the same in every process."""
+        digest = hashlib.sha256(np.array(self.bounds, dtype="<f8").tobytes())
+        for body in shapely.to_wkb(np.array(self.obstacles, dtype=object), byte_order=1).tolist():
+            digest.update(len(body).to_bytes(8, "little") + body)
+        return digest.hexdigest()
 
     @cached_property
     def cover(self) -> Pieces:

@@ -89,21 +89,16 @@ class RecordFile:
         Raises:
             StorageError: It is damaged.
         """
-        offset = int(self._offsets[number])
+        offset, checked = int(self._offsets[number]), bool(self._checked[number])
         try:
-            head = _record_head(self._map[offset : offset + _RECORD.size], offset, len(self._map))
-            if not self._checked[number] and not _sound(self._map, offset, head):
-                raise ValueError("its checksum is wrong")
-            text = offset + _RECORD.size
-            meta = json.loads(self._map[text : text + head.text])
-            arrays = _arrays(self._map, text + _padded(head.text), head.body, meta["arrays"])
-        except (ValueError, KeyError, TypeError, struct.error) as error:
+            record = unpacked(self._map, offset, checked=checked)
+        except ValueError as error:
             raise StorageError(
                 f"{self.path}: record {int(self.keys[number])} of this {self._what} is damaged ({error}); "
                 "build it again: what is whole is kept"
             ) from error
         self._checked[number] = True
-        return Record(meta["meta"], arrays)
+        return record
 
 
 class RecordWriter:
@@ -157,7 +152,7 @@ class RecordWriter:
         with _writing(self.path, self._what):
             self._cut()
             self._file.seek(self._end)
-            self._file.write(_packed(key, record))
+            self._file.write(packed(key, record))
             self._file.flush()
         self._offsets[key] = self._end
         self._end = self._file.tell()
@@ -239,8 +234,12 @@ def _padded(length: int) -> int:
     return -(-length // _ALIGNED) * _ALIGNED
 
 
-def _packed(key: int, record: Record) -> bytes:
-    """A record as it lies in the file."""
+def packed(key: int, record: Record) -> bytes:
+    """A record as it lies in a file.
+
+    Raises:
+        StorageError: An array of a type that records do not have.
+    """
     rows, blocks, offset = [], [], 0
     for name, values in record.arrays.items():
         array = np.ascontiguousarray(values)
@@ -257,6 +256,29 @@ def _packed(key: int, record: Record) -> bytes:
     return _RECORD.pack(*fields, zlib.crc32(struct.pack("<8sQQQI", *fields))) + content
 
 
+def unpacked(content: Any, offset: int = 0, *, checked: bool = False) -> Record:
+    """The record that begins at a place of a buffer; its arrays share the buffer's memory.
+
+    Args:
+        content: The buffer.
+        offset: The place.
+        checked: Whether the checksum is known to be right.
+
+    Raises:
+        ValueError: It is damaged.
+    """
+    try:
+        head = _record_head(bytes(content[offset : offset + _RECORD.size]), offset, len(content))
+        if not checked and not _sound(content, offset, head):
+            raise ValueError("its checksum is wrong")
+        text = offset + _RECORD.size
+        meta = json.loads(bytes(content[text : text + head.text]))
+        arrays = _arrays(content, text + _padded(head.text), head.body, meta["arrays"])
+        return Record(meta["meta"], arrays)
+    except (KeyError, TypeError, struct.error) as error:
+        raise ValueError(str(error)) from error
+
+
 def _record_head(data: bytes, offset: int, size: int) -> _Head:
     magic, key, text, body, checksum, own = _RECORD.unpack(data)
     if magic != _RECORD_MAGIC or own != zlib.crc32(struct.pack("<8sQQQI", magic, key, text, body, checksum)):
@@ -267,13 +289,13 @@ def _record_head(data: bytes, offset: int, size: int) -> _Head:
     return head
 
 
-def _sound(content: mmap.mmap, offset: int, head: _Head) -> bool:
+def _sound(content: Any, offset: int, head: _Head) -> bool:
     first = offset + _RECORD.size
     with memoryview(content) as view, view[first : first + head.length] as body:
         return zlib.crc32(body) == head.checksum
 
 
-def _arrays(content: mmap.mmap, first: int, length: int, rows: Any) -> dict[str, NDArray[Any]]:
+def _arrays(content: Any, first: int, length: int, rows: Any) -> dict[str, NDArray[Any]]:
     arrays = {}
     for name, kind, shape, offset in rows:
         if kind not in _TYPES or min([0, *shape]) < 0:

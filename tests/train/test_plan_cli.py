@@ -8,6 +8,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from numpy.typing import NDArray
 from typer.testing import CliRunner
 
 from guided_gym.catalogue.files import load_problem
@@ -16,7 +17,11 @@ from guided_gym.catalogue.table import make_distribution
 from guided_gym.errors import InvalidInputError
 from guided_gym.geometry.environment import Environment
 from guided_gym.geometry.robots import Robot
+from guided_gym.guidance.composed import Composed
+from guided_gym.guidance.solvers import roadmap, skeleton
+from guided_gym.guidance.solvers.wave import Wave
 from guided_gym.problems import Problem, Task
+from guided_gym.storage.preparations import PreparationStore
 from guided_gym.train.cli import app
 from guided_gym.train.plan_cli import parse_pose, parse_robot
 from guided_gym.train.plans import Planner, read_tasks
@@ -154,6 +159,49 @@ def test_planner__tasks_share_what_was_prepared(tmp_path: Path) -> None:
     (tmp_path / "tasks.csv").write_text(lines[0] + "\n1,2,3\n")
     with pytest.raises(InvalidInputError, match=r"line 2: expected 6 finite numbers"):
         read_tasks(tmp_path / "tasks.csv", problem)
+
+
+@pytest.mark.parametrize(
+    "guidance", ["auto", "wavefront", "medial_axis", "roadmap(robot=point,vertices=300)"]
+)
+def test_planner__finds_what_it_prepared_on_the_disk(guidance: str, tmp_path: Path) -> None:
+    """A second process reads what the first one prepared, and plans the same; damage changes nothing."""
+    store = PreparationStore(tmp_path)
+    first = Planner(Problem.load(GALLERY / "floor_plan.toml"), guidance, store=PreparationStore(None)).plan()
+
+    def again() -> NDArray[np.float64]:
+        skeleton._axis.cache_clear()
+        skeleton.medial_axis.cache_clear()
+        roadmap._net.cache_clear()
+        path = Planner(Problem.load(GALLERY / "floor_plan.toml"), guidance, store=store).plan().path
+        assert path is not None
+        return path
+
+    assert first.path is not None
+    np.testing.assert_array_equal(again(), first.path)
+    files = sorted(tmp_path.iterdir())
+    assert files
+    times = [file.stat().st_ino for file in files]
+    np.testing.assert_array_equal(again(), first.path)
+    assert [file.stat().st_ino for file in files] == times  # read, not written again
+    for file in files:
+        file.write_bytes(file.read_bytes()[:-1])
+    np.testing.assert_array_equal(again(), first.path)
+
+
+def test_planner__takes_headings_into_account_only_where_the_disc_sees_no_way() -> None:
+    """A corridor as wide as the robot is, but not as the circle in which it turns."""
+    robot, task = Robot.rectangle(1.0, 0.3), Task((1.0, 2.0, 0.0), (9.0, 2.0, 0.0))
+    for width, way in ((0.6, False), (1.6, True)):
+        walls = [[(4, 0), (6, 0), (6, 2 - width / 2), (4, 2 - width / 2)]]
+        walls.append([(4, 4), (6, 4), (6, 2 + width / 2), (4, 2 + width / 2)])
+        room = Environment.from_polygons((0, 0, 10, 4), walls)
+        planner = Planner(Problem(robot, room, task, "corridor"), store=PreparationStore(None))
+        path, samples, _ = planner._search(planner.problem, 0)
+        assert path is not None and samples >= 0
+        disc = planner.guides[0]
+        assert isinstance(disc, Composed) and isinstance(disc.solver, Wave)
+        assert disc.solver.sees_way == way
 
 
 def test_planner__goes_on_and_only_gets_shorter() -> None:

@@ -14,6 +14,7 @@ from guided_gym.guidance.solvers.base import Floats, Query
 from guided_gym.guidance.solvers.graph import Anchors, Graph, GraphCostToGo, Ints
 from guided_gym.kernels.anchors import candidate_values, charged_anchors, nearest_anchors, segments_touched
 from guided_gym.kernels.metric import Metric
+from guided_gym.storage.preparations import Arrays, fits, prepared, within
 from guided_gym.structures.nearest import GrowingIndex
 from guided_gym.structures.segments import SegmentIndex
 from guided_gym.structures.shortest_paths import (
@@ -165,6 +166,11 @@ class _Kind:
         return type(other) is type(self) and other._key == self._key
 
     @property
+    def fingerprint(self) -> str:
+        """All that a roadmap of such spaces depends on."""
+        return self._key.hex()
+
+    @property
     def metric(self) -> Metric:
         """The metric of such spaces."""
         return self._space.metric
@@ -202,12 +208,25 @@ class _Validated(_Kind):
 
 @lru_cache(maxsize=64)
 def _net(kind: _Kind, vertices: int, neighbours: int, number: int) -> _Net:
-    points = kind.vertices(np.random.default_rng([vertices, neighbours, number]), vertices)
-    graph = nearest_graph(points, kind.metric, neighbours)
-    ends = points[graph.edges[:, 0]], points[graph.edges[:, 1]]
-    kept = kind.free(*ends)
-    if not isinstance(kept, slice):
-        graph = graph_from_edges(len(points), graph.edges[kept], graph.lengths[kept])
+    def build() -> dict[str, np.ndarray]:
+        points = kind.vertices(np.random.default_rng([vertices, neighbours, number]), vertices)
+        near = nearest_graph(points, kind.metric, neighbours)
+        kept = kind.free(points[near.edges[:, 0]], points[near.edges[:, 1]])
+        return {"points": points, "edges": near.edges[kept], "lengths": near.lengths[kept]}
+
+    def sound(kept: Arrays) -> bool:
+        n, m, d = len(kept["points"]), len(kept["edges"]), len(kind.metric.weights)
+        return (
+            fits(kept["points"], np.float64, n, d)
+            and fits(kept["edges"], np.int32, m, 2)
+            and fits(kept["lengths"], np.float64, m)
+            and within(kept["edges"], n)
+        )
+
+    key = f"{kind.fingerprint} {vertices} {neighbours} {number}"
+    made = prepared("roadmap 1", key, build, sound)
+    points = made["points"]
+    graph = graph_from_edges(len(points), made["edges"], made["lengths"])
     index = GrowingIndex(kind.metric, capacity=max(len(points), 1))
     index.add_many(points)
     return _Net(points, graph, index, SegmentIndex(points, graph.edges, kind.metric))

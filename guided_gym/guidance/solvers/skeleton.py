@@ -18,6 +18,7 @@ from guided_gym.geometry.environment import Environment
 from guided_gym.guidance.solvers.base import require_dimensions, require_rigid
 from guided_gym.guidance.solvers.graph import Anchors, Graph, GraphCostToGo
 from guided_gym.kernels.anchors import edge_anchors, nearest_segments
+from guided_gym.storage.preparations import Arrays, fits, prepared, within
 from guided_gym.structures.shortest_paths import graph_from_edges
 
 _SAMPLES_PER_DIAGONAL = 100  # boundary samples along a line as long as the workspace's diagonal
@@ -66,6 +67,23 @@ def skeleton_graph(environment: Environment) -> nx.Graph:
 
 @lru_cache(maxsize=64)
 def _axis(environment: Environment) -> _Axis:
+    """The medial axis of the free workspace, from the disk where it is kept; see `_found`."""
+
+    def sound(kept: Arrays) -> bool:
+        n = len(kept["points"])
+        return (
+            fits(kept["points"], np.float64, n, 2)
+            and fits(kept["clearance"], np.float64, n)
+            and fits(kept["alive"], np.bool_, n)
+            and fits(kept["pairs"], np.int64, -1, 2)
+            and within(kept["pairs"], n)
+        )
+
+    kept = prepared("skeleton 1", environment.fingerprint, lambda: _found(environment)._asdict(), sound)
+    return _Axis(*(kept[name] for name in _Axis._fields))
+
+
+def _found(environment: Environment) -> _Axis:
     """The medial axis of the free workspace.
 
     Vertices of the Voronoi diagram of samples of the boundary, joined where the Voronoi edge lies in the

@@ -25,6 +25,7 @@ from guided_gym.geometry.space import ConfigurationSpace
 from guided_gym.guidance.solvers.base import Query, Valid
 from guided_gym.kernels import collision, fields
 from guided_gym.kernels.collision import Geometry
+from guided_gym.storage.preparations import Arrays, fits, prepared
 
 if TYPE_CHECKING:
     from guided_gym.problems import Problem
@@ -146,7 +147,7 @@ class PoseGrid:
             InvalidInputError: A robot that is not planar and rigid.
         """
         robot = rigid(space.robot, "grid of poses")
-        xmin, ymin, xmax, ymax = bounds = space.environment.bounds
+        xmin, ymin, xmax, ymax = space.environment.bounds
         side = max(xmax - xmin, ymax - ymin)
         cell = side / cells
         frame = np.zeros(fields.FRAME)
@@ -154,18 +155,21 @@ class PoseGrid:
         frame[fields.ORIGIN_Y] = (ymin + ymax - side + cell) / 2
         frame[fields.CELL] = cell
         frame[fields.WEIGHT] = space.weights[2] if space.dimension == 3 else 0.0
-        distances = fields.signed_distances(_edges(space.environment), np.array(bounds), frame, cells)
         body = body_discs(robot, cell) / cell
-        turns = headings if space.dimension == 3 else 1
-        room = fields.robot_clearances(distances, body, robot.radius / cell, turns)
-        fine = fields.FINE
-        blocks = distances.reshape(cells, fine, cells, fine)[:, fine // 2 - 1 :, :, fine // 2 - 1 :]
+        turns, fine = headings if space.dimension == 3 else 1, fields.FINE
+        kept = prepared(
+            "wave 1",
+            f"{space.fingerprint()} {cells} {headings}",
+            lambda: _rasterised(space, robot, frame, (cells, turns), body),
+            lambda kept: _is_raster(kept, cells, turns),
+        )
+        blocks = kept["distances"].reshape(cells, fine, cells, fine)[:, fine // 2 - 1 :, :, fine // 2 - 1 :]
         workspace = blocks[:, :2, :, :2].mean(axis=(1, 3))
-        if _least_width(robot) >= max(cell, 2.0 * math.pi / turns * robot.radius):
-            links = np.zeros((0, 0, 0), np.uint8), 0
-        else:
-            links = fields.closed_links(room, frame, space.geometry)
-        return cls(frame, side, room, workspace, distances, body, *links, space.geometry)
+        rooms, links = (
+            (kept["room"], workspace, kept["distances"], body),
+            (kept["closed"], int(kept["looks"][0])),
+        )
+        return cls(frame, side, *rooms, *links, space.geometry)
 
     def towards(self, goal: FloatArray) -> FloatArray:
         """The frame with a goal in it."""
@@ -193,6 +197,31 @@ class PoseGrid:
     def looks(self, frame: FloatArray) -> int:
         """How many motions have been checked for collision: those of links, and those to the goal."""
         return self.link_looks + len(fields.poses_near_goal(self.room.shape, frame, _NEAR_GOAL)[0])
+
+
+def _rasterised(
+    space: ConfigurationSpace, robot: Robot, frame: FloatArray, shape: tuple[int, int], body: FloatArray
+) -> Arrays:
+    """Of a grid of (cells, headings), what depends on the workspace; see `PoseGrid`."""
+    (cells, turns), cell = shape, float(frame[fields.CELL])
+    bounds = np.array(space.environment.bounds)
+    distances = fields.signed_distances(_edges(space.environment), bounds, frame, cells)
+    room = fields.robot_clearances(distances, body, robot.radius / cell, turns)
+    closed, looks = np.zeros((0, 0, 0), np.uint8), 0
+    if _least_width(robot) < max(cell, 2.0 * math.pi / turns * robot.radius):
+        closed, looks = fields.closed_links(room, frame, space.geometry)
+    return {"distances": distances, "room": room, "closed": closed, "looks": np.array([looks])}
+
+
+def _is_raster(kept: Arrays, cells: int, turns: int) -> bool:
+    """Whether arrays from a file have the types and shapes of those that `_rasterised` makes."""
+    closed = (cells, cells, turns) if kept["closed"].size else (0, 0, 0)
+    return (
+        fits(kept["distances"], np.float32, cells * fields.FINE, cells * fields.FINE)
+        and fits(kept["room"], np.float32, cells, cells, turns)
+        and fits(kept["closed"], np.uint8, *closed)
+        and fits(kept["looks"], np.int64, 1)
+    )
 
 
 @dataclass(frozen=True, eq=False)
@@ -362,7 +391,7 @@ class Wave:
             raise InvalidInputError(
                 f"wave: expected a space of 2 or 3 dimensions, got {query.space.dimension} dimensions"
             )
-        self._space = query.space
+        self._space, self._start = query.space, query.start
         self._grid, self._field = self.model.solve_query(query.space, query.start, query.goal)
         frame, logits = self._field.frame, self.model.free(self._grid)
         self.looks = self._grid.looks(frame)
@@ -381,6 +410,12 @@ class Wave:
         self._run_again()
         self._asked = self._join(states)
         return fields.joined_values(self._asked, self._arrival, self._effort)
+
+    @property
+    def sees_way(self) -> bool:
+        """Whether the way from the start runs only through what seems free, before anything is raised."""
+        grid, found = self._grid, self._field
+        return fields.blocked_on_way(self._start, found.values, grid.closed, found.frame) == 0
 
     def plausible(self, node: int, lengths: FloatArray) -> NDArray[np.bool_]:
         """Which of the states asked for last a free motion from a node can reach.

@@ -10,8 +10,8 @@ import numpy as np
 import pytest
 
 from guided_gym.errors import GuidedGymWarning
-from guided_gym.measure import oracle_store
 from guided_gym.measure.oracle_store import FieldStore
+from guided_gym.storage import cache_folder
 
 KEY, OTHER = "a" * 64, "b" * 64
 FIELD = np.linspace(0, 1, 1000, dtype=np.float32)
@@ -25,7 +25,7 @@ def store(tmp_path):
 
 @pytest.fixture(autouse=True)
 def may_warn_again():
-    oracle_store._warned.clear()
+    cache_folder._warned.clear()
 
 
 def assert_stored(store, key=KEY):
@@ -101,7 +101,7 @@ def test_an_unusable_folder__is_found_out_by_trying(tmp_path, monkeypatch):
     monkeypatch.setenv("GUIDED_GYM_CACHE", str(tmp_path / "file"))
     with pytest.warns(GuidedGymWarning) as caught:
         for _ in range(2):
-            oracle_store.warn_before_workers()
+            cache_folder.warn_before_workers()
     assert len(caught) == 1
 
 
