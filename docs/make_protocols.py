@@ -14,7 +14,7 @@ from guided_gym import EvaluationSettings, evaluate, summarise
 
 PAGE = Path(__file__).parent / "learned.md"
 BEGIN, END = "<!-- tables: docs/make_protocols.py -->", "<!-- end of tables -->"
-SEEDS, MAX_SAMPLES = 64, 500
+SEEDS, MAX_SAMPLES = 32, 500
 SCRIPTED = ("wavefront", "lazy_prm", "medial_axis", "hybrid", "oracle")
 LEARNED = {
     "TrapCup": "learned:se2",
