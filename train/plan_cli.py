@@ -206,7 +206,11 @@ def check(
 def convert(
     source: Annotated[Path, typer.Argument(help="A problem file or a map.")],
     target: Annotated[
-        Path, typer.Argument(help="A problem file (.toml, .json), .geojson, or a picture (.svg, .png, .pdf).")
+        Path,
+        typer.Argument(
+            help="A problem file (.toml, .json), .geojson, a ROS map (.yaml, with a .pgm beside it) or a "
+            "picture (.svg, .png, .pdf)."
+        ),
     ],
     robot: RobotOption = None,
     start: Start = None,
@@ -214,14 +218,14 @@ def convert(
     task: Annotated[int, typer.Option(help="Which task of a MovingAI scenario.")] = 0,
     **given: Any,
 ) -> None:
-    """Convert a map or problem: into a problem file, GeoJSON or a picture."""
+    """Convert a map or problem: into a problem file, GeoJSON, a ROS map or a picture."""
     from guided_gym.catalogue.files import file_of, map_file, write_problem_file
-    from guided_gym.catalogue.maps import MapOptions, write_geojson
+    from guided_gym.catalogue.maps import MapOptions, write_geojson, write_ros
 
     suffix = target.suffix.lower()
-    if suffix not in (".toml", ".json", ".geojson", ".svg", ".png", ".pdf"):
+    if suffix not in (".toml", ".json", ".geojson", ".yaml", ".yml", ".svg", ".png", ".pdf"):
         raise InvalidInputError(
-            f"{target}: expected .toml, .json, .geojson, .svg, .png or .pdf, got {target.suffix!r}"
+            f"{target}: expected .toml, .json, .geojson, .yaml, .svg, .png or .pdf, got {target.suffix!r}"
         )
     options = MapOptions(**given)
     body: Robot | None
@@ -243,12 +247,34 @@ def convert(
         write_problem_file(model, target)
     elif suffix == ".geojson":
         write_geojson(target, environment)
+    elif suffix in (".yaml", ".yml"):
+        write_ros(target, environment, _raster_resolution(source, target, options))
     else:
         from guided_gym.train.plan_figures import check_figure
 
         placed = [(label, q, True) for label, q in poses.items()]
         _draw(check_figure(environment, body, placed, (), source.name), target)
     console().print(f"{target}: {_size_of(environment)}")
+
+
+def _raster_resolution(source: Path, target: Path, options: MapOptions) -> float:
+    """The side of a cell of a ROS map to be written: that of the options, or of the raster that was read."""
+    from guided_gym.catalogue.maps import ros_header
+
+    resolution, read = options.resolution, source
+    if source.suffix.lower() in (".yaml", ".yml"):
+        own, read = ros_header(source)
+        resolution = own if resolution is None else resolution
+    elif source.suffix.lower() in (".map", ".scen") and resolution is None:
+        resolution = 1.0
+    picture = target.with_suffix(".pgm")
+    if picture.resolve() in (source.resolve(), read.resolve()):
+        raise InvalidInputError(
+            f"{target}: expected another name, since its picture would replace {picture}, which was read"
+        )
+    if resolution is None:
+        raise InvalidInputError(f"resolution: expected the side of a cell for a raster of {source}, got none")
+    return resolution
 
 
 # What the options say ---------------------------------------------------------------------------------------

@@ -24,7 +24,7 @@ import shapely
 from guided_gym.checks import number, shown
 from guided_gym.errors import GuidedGymError, InvalidInputError, StorageError
 from guided_gym.geometry.environment import Environment
-from guided_gym.geometry.occupancy import MOST_CELLS, UNKNOWN
+from guided_gym.geometry.occupancy import MOST_CELLS, UNKNOWN, covered_cells
 from guided_gym.storage.whole_file import write_whole
 
 FloatArray = npt.NDArray[np.float64]
@@ -196,7 +196,7 @@ def read_ros(path: Path, options: MapOptions = DEFAULT_OPTIONS) -> Environment:
         GuidedGymError: pyyaml or pillow is not installed.
     """
     fields = _ros_fields(path)
-    picture = inside_folder(path.parent, str(fields["image"]), path)
+    resolution, picture = ros_header(path)
     values = ros_values(
         *read_picture(picture),
         mode=str(fields.get("mode", "trinary")),
@@ -206,13 +206,57 @@ def read_ros(path: Path, options: MapOptions = DEFAULT_OPTIONS) -> Environment:
     )
     return Environment.from_occupancy(
         values[::-1],
-        number("resolution", _yaml_number(fields, "resolution", 0.0, 1e9), above=0, what="length"),
+        resolution,
         _ros_origin(fields["origin"]),
         unknown=options.unknown,
         threshold=options.threshold,
         simplify=options.simplify,
         speckles=options.speckles,
     )
+
+
+def ros_header(path: Path) -> tuple[float, Path]:
+    """Resolution (length) and picture of a ROS map; errors as `read_ros`."""
+    fields = _ros_fields(path)
+    resolution = number("resolution", _yaml_number(fields, "resolution", 0.0, 1e9), above=0, what="length")
+    return resolution, inside_folder(path.parent, str(fields["image"]), path)
+
+
+def write_ros(path: Path, environment: Environment, resolution: float) -> None:
+    """Write an environment as a ROS map: a YAML file, and a PGM picture of the same name beside it.
+
+    A cell is occupied (black) if an obstacle reaches into it or it sticks out of the bounds, else free
+    (white, 254): what is free in the map is free in the environment. The map's origin is the lower left
+    corner of the bounds, which is that of the picture's lowest row. Of a map read from a raster, the cells
+    come back as they were.
+
+    Args:
+        path: The YAML file.
+        environment: The environment.
+        resolution: Side of a cell (length).
+
+    Raises:
+        InvalidInputError: A resolution that is not positive, or so small that there are too many cells.
+        StorageError: A file cannot be written.
+    """
+    covered = covered_cells(environment.obstacle_union, environment.bounds, resolution)
+    picture = path.with_suffix(".pgm")
+    rows, columns = covered.shape
+    pixels = np.where(covered[::-1], np.uint8(0), np.uint8(254))
+    write_whole(picture, f"P5\n{columns} {rows}\n255\n".encode() + pixels.tobytes())
+    x, y = environment.bounds[:2]
+    text = (
+        f"image: {json.dumps(picture.name, ensure_ascii=False)}\nmode: trinary\n"
+        f"resolution: {_yaml_float(resolution)}\norigin: [{_yaml_float(x)}, {_yaml_float(y)}, 0.0]\n"
+        "negate: 0\noccupied_thresh: 0.65\nfree_thresh: 0.196\n"
+    )
+    write_whole(path, text)
+
+
+def _yaml_float(value: float) -> str:
+    """The same number again, for readers to whom 1e-05 is text."""
+    text = repr(float(value))
+    return text if "." in text else text.replace("e", ".0e")
 
 
 def ros_values(

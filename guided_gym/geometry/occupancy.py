@@ -1,4 +1,4 @@
-"""Rasters as polygons: the exact union of occupied cells, in a few array operations."""
+"""Rasters as polygons, the exact union of occupied cells in a few array operations; polygons as rasters."""
 
 from __future__ import annotations
 
@@ -42,6 +42,9 @@ _CORNERS: dict[int, tuple[_Corner, ...]] = {
 
 MOST_CELLS: Final = 2**26
 """Cells of the largest raster that is taken: 8,192 x 8,192."""
+
+_EDGE: Final = 1e-6
+"""Cells: what lies less deep in a cell only touches it."""
 
 UNKNOWN: Final = ("occupied", "free")
 """What cells of which nothing is known may count as."""
@@ -159,6 +162,50 @@ def cell_obstacles(
         if pieces is not None:
             pieces += [shapely.get_coordinates(part)[:-1] for part in shapely.orient_polygons(rest)]
     return CellObstacles((*low, *high), tuple(polygons), None if pieces is None else _joined(pieces))
+
+
+def covered_cells(
+    shape: shapely.Geometry, bounds: tuple[float, float, float, float], resolution: float
+) -> BoolArray:
+    """Which cells of a raster a shape reaches into, or stick out of the bounds: (rows, columns), from below.
+
+    So what is free in the raster is free in the workspace. Of a union of cells of this raster, just those.
+
+    Args:
+        shape: Polygons.
+        bounds: (xmin, ymin, xmax, ymax) length; the lower left corner is that of cell [0, 0].
+        resolution: Side of a cell (length).
+
+    Raises:
+        InvalidInputError: A resolution that is not positive, or more than `MOST_CELLS` cells.
+    """
+    resolution = number("resolution", resolution, above=0, what="length")
+    low = np.array(bounds[:2])
+    extent = (np.array(bounds[2:]) - low) / resolution
+    if extent.max() > MOST_CELLS or np.prod(np.ceil(extent)) > MOST_CELLS:
+        raise InvalidInputError(
+            f"resolution: expected at most {MOST_CELLS} cells, got {extent[0]:.4g} x {extent[1]:.4g}"
+        )
+    columns, rows = np.maximum(np.ceil(extent - _EDGE), 1).astype(int).tolist()
+    covered = np.zeros((rows, columns), bool)
+    covered[:, int(extent[0] + _EDGE) :] = covered[int(extent[1] + _EDGE) :] = True
+    shapely.prepare(shape)
+    size, corners = 1 << (max(rows, columns) - 1).bit_length(), np.zeros((1, 2), np.int64)
+    while len(corners):  # blocks that are neither all covered nor all free are cut into four
+        ends = np.minimum(corners + size, [columns, rows])
+        blocks = shapely.box(
+            *(low + resolution * (corners + _EDGE)).T, *(low + resolution * (ends - _EDGE)).T
+        )
+        reached = shapely.intersects(shape, blocks)
+        corners, ends, blocks = corners[reached], ends[reached], blocks[reached]
+        full = np.ones(len(blocks), bool) if size == 1 else shapely.contains(shape, blocks)
+        for (left, bottom), (right, top) in zip(corners[full].tolist(), ends[full].tolist(), strict=True):
+            covered[bottom:top, left:right] = True
+        size //= 2
+        quarters = size * np.array([[0, 0], [1, 0], [0, 1], [1, 1]])
+        corners = (corners[~full][:, None] + quarters).reshape(-1, 2)
+        corners = corners[(corners < [columns, rows]).all(axis=1)]
+    return covered
 
 
 def _joined(pieces: list[FloatArray]) -> Pieces:

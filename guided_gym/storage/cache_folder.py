@@ -131,7 +131,7 @@ class CacheFolder:
 
 
 def cache_root() -> Path | None:
-    """The user's cache folder, or what the environment variable GUIDED_GYM_CACHE says; None for "off" and the like."""
+    """The user's cache folder, or what GUIDED_GYM_CACHE says; None for "off" and the like."""
     named = os.environ.get(ENVIRONMENT_VARIABLE, "")
     if named.strip().lower() in _NO:
         return None

@@ -11,7 +11,7 @@ import pytest
 from numpy.typing import NDArray
 from typer.testing import CliRunner
 
-from guided_gym.catalogue.files import load_problem
+from guided_gym.catalogue.files import load_environment, load_problem
 from guided_gym.catalogue.inspection import narrow_gaps, nearest_free_pose, robot_widths
 from guided_gym.catalogue.table import make_distribution
 from guided_gym.errors import InvalidInputError
@@ -136,6 +136,25 @@ def test_convert__from_each_kind_to_a_problem_and_back(tmp_path: Path) -> None:
     before, after = load_problem(GALLERY / "floor_plan.toml"), load_problem(tmp_path / "flat.json")
     assert before.fingerprint == after.fingerprint
     assert list(before.regions) == list(after.regions)
+
+
+def test_convert__to_a_ros_map_and_back(tmp_path: Path) -> None:
+    code, _ = _run("convert", GALLERY / "office.yaml", tmp_path / "office.yaml")
+    assert code == 0
+    code, _ = _run("convert", tmp_path / "office.yaml", tmp_path / "again.yaml")
+    assert code == 0
+    assert (tmp_path / "office.pgm").read_bytes() == (tmp_path / "again.pgm").read_bytes()
+    assert load_environment(tmp_path / "office.yaml") == load_environment(GALLERY / "office.yaml")
+    code, text = _run("convert", GALLERY / "floor_plan.toml", tmp_path / "flat.yaml")
+    assert code == 2 and "resolution" in text
+    code, _ = _run("convert", GALLERY / "floor_plan.toml", tmp_path / "flat.yaml", "--resolution", "0.05")
+    assert code == 0
+    flat, walls = load_environment(tmp_path / "flat.yaml"), load_environment(GALLERY / "floor_plan.toml")
+    assert walls.obstacle_union.difference(flat.obstacle_union).area < 1e-9
+    before = (tmp_path / "flat.pgm").read_bytes()
+    code, text = _run("convert", tmp_path / "flat.pgm", tmp_path / "flat.yaml", "--resolution", "0.05")
+    assert code == 2 and "another name" in text
+    assert (tmp_path / "flat.pgm").read_bytes() == before
 
 
 def test_planner__tasks_share_what_was_prepared(tmp_path: Path) -> None:

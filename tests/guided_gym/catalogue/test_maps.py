@@ -26,15 +26,18 @@ from guided_gym.catalogue.maps import (
     read_scenario,
     ros_values,
     write_geojson,
+    write_ros,
 )
 from guided_gym.catalogue.table import make_distribution
 from guided_gym.errors import GuidedGymError, InvalidInputError, StorageError
+from guided_gym.geometry.environment import Environment
 from guided_gym.measure.oracle import Oracle
 from guided_gym.problems import Problem
 
 if importlib.util.find_spec("yaml") is None or importlib.util.find_spec("PIL") is None:
     pytest.skip("needs the extra [maps]", allow_module_level=True)
 
+import yaml
 from PIL import Image
 
 YAML = """image: it.pgm
@@ -71,6 +74,61 @@ def test_ros__yaw_turns_about_the_lower_left_corner(tmp_path: Path) -> None:
     np.testing.assert_allclose(turned.bounds, (-2.0, 2.0, -1.0, 3.5), atol=1e-12)
     wall = shapely.box(-2.0, 2.0, -1.5, 2.5)
     assert wall.difference(turned.obstacle_union).area < 1e-12
+
+
+def test_write_ros__by_hand(tmp_path: Path) -> None:
+    """Three cells by two; the obstacle reaches into the lowest of the left, and into the upper right."""
+    shapes = (shapely.box(-1.0, 2.0, -0.9, 2.1), shapely.Polygon([(0.5, 3.0), (0.3, 3.0), (0.5, 2.8)]))
+    write_ros(tmp_path / "it.yaml", Environment((-1.0, 2.0, 0.5, 3.0), shapes), 0.5)
+    pixels = np.array(Image.open(tmp_path / "it.pgm"))
+    assert pixels.tolist() == [[254, 254, 0], [0, 254, 254]]  # row 0 is the top
+    fields = yaml.safe_load((tmp_path / "it.yaml").read_text())
+    assert fields["image"] == "it.pgm" and fields["resolution"] == 0.5 and fields["negate"] == 0
+    assert fields["origin"] == [-1.0, 2.0, 0.0]
+    occupancy = (255 - pixels) / 255.0  # as the map_server's documentation has it
+    assert (occupancy[pixels == 0] > fields["occupied_thresh"]).all()
+    assert (occupancy[pixels == 254] < fields["free_thresh"]).all()
+    assert fields["free_thresh"] < (255 - 205) / 255.0  # whoever adds "unknown" later finds it unknown
+
+
+@pytest.mark.parametrize("resolution", [1.0, 0.05, 1e-5, 3.0])
+@pytest.mark.parametrize("origin", [(0.0, 0.0), (-10.3, 1234.56)])
+def test_write_ros__a_raster_comes_back_exactly(
+    origin: tuple[float, float], resolution: float, tmp_path: Path
+) -> None:
+    rng = np.random.default_rng(7)
+    for rows, columns in ((1, 1), (5, 3), (17, 40), (64, 64)):
+        cells = rng.random((rows, columns)) < 0.4
+        first = Environment.from_occupancy(cells, resolution, origin)
+        write_ros(tmp_path / "a b.yaml", first, resolution)
+        pixels = np.array(Image.open(tmp_path / "a b.pgm"))
+        np.testing.assert_array_equal(pixels[::-1] == 0, cells)
+        again = read_map(tmp_path / "a b.yaml")
+        assert again.bounds == first.bounds and again.obstacles == first.obstacles
+
+
+def test_write_ros__what_is_free_in_the_map_is_free(tmp_path: Path) -> None:
+    """Polygons that fit no raster, with holes, beyond the bounds; bounds that are no multiple of a cell."""
+    rng = np.random.default_rng(3)
+    rings = rng.uniform(0, 10, (12, 1, 2)) + rng.uniform(-1.5, 1.5, (12, 3, 2))
+    frame = shapely.box(-1, -1, 11, 11).difference(shapely.box(0.33, 0.21, 9.7, 9.1))
+    environment = Environment((0.0, 0.0, 10.0, 9.5), (*shapely.polygons(rings), frame))
+    for resolution in (0.7, 0.25, 20.0):
+        write_ros(tmp_path / "it.yaml", environment, resolution)
+        pixels = np.array(Image.open(tmp_path / "it.pgm"))[::-1]
+        rows, columns = pixels.shape
+        x, y = np.meshgrid(resolution * np.arange(columns), resolution * np.arange(rows))
+        boxes = shapely.box(x, y, x + resolution, y + resolution)
+        inside = (x + resolution <= 10.0) & (y + resolution <= 9.5)
+        area = shapely.area(shapely.intersection(boxes, environment.obstacle_union))
+        np.testing.assert_array_equal(pixels == 0, (area > 1e-9) | ~inside)
+
+
+def test_write_ros__too_many_cells_are_refused_at_once(tmp_path: Path) -> None:
+    for resolution in (1e-9, 1e-300, 0.0, -1.0, math.nan):
+        with pytest.raises(InvalidInputError, match="resolution"):
+            write_ros(tmp_path / "it.yaml", Environment((0, 0, 1, 1)), resolution)
+    assert not list(tmp_path.iterdir())
 
 
 GREY = np.array([[0.0, 0.3, 205 / 255, 1.0]])
