@@ -39,7 +39,9 @@ if TYPE_CHECKING:
     from guided_gym.geometry.linkages import Body, Joint, Linkage
     from guided_gym.geometry.mechanism import Mechanism
     from guided_gym.geometry.robots import Robot
+    from guided_gym.geometry.solids import Box, Capsule, Cylinder, SpatialEnvironment
     from guided_gym.geometry.space import ConfigurationSpace
+    from guided_gym.geometry.spatial_arms import SpatialArm, SpatialBody, SpatialJoint
     from guided_gym.guidance.base import GuidingSpace
     from guided_gym.guidance.composed import Composed, Lesson
     from guided_gym.guidance.hybrid import Hybrid
@@ -99,6 +101,8 @@ _HOMES: dict[str, tuple[str, ...]] = {
     "geometry.linkages": ("Body", "Joint", "Linkage"),
     "geometry.mechanism": ("Mechanism",),
     "geometry.robots": ("Robot",),
+    "geometry.solids": ("Box", "Capsule", "Cylinder", "SpatialEnvironment"),
+    "geometry.spatial_arms": ("SpatialArm", "SpatialBody", "SpatialJoint"),
     "geometry.space": ("ConfigurationSpace",),
     "guidance.base": ("GuidingSpace",),
     "guidance.composed": ("Composed", "Lesson"),
@@ -182,10 +186,13 @@ __all__ = [
     "Agent",
     "Answer",
     "Body",
+    "Box",
+    "Capsule",
     "Choice",
     "ClaimResult",
     "Composed",
     "ConfigurationSpace",
+    "Cylinder",
     "EfficiencyReward",
     "Environment",
     "EpisodeResult",
@@ -239,6 +246,10 @@ __all__ = [
     "SearchOptions",
     "SearchResult",
     "SearchTree",
+    "SpatialArm",
+    "SpatialBody",
+    "SpatialEnvironment",
+    "SpatialJoint",
     "StorageError",
     "TargetParameters",
     "Task",

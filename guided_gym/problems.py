@@ -12,7 +12,6 @@ from pathlib import Path
 from typing import Final
 
 import numpy as np
-import shapely
 from numpy.typing import ArrayLike, NDArray
 from shapely.geometry.base import BaseGeometry
 
@@ -145,28 +144,25 @@ class Problem:
 
     def _trouble(self, q: NDArray[np.float64]) -> str:
         """What is wrong with a pose that is not valid: the bound or obstacle that it comes too near to."""
-        xmin, ymin, xmax, ymax = self.environment.bounds
-        tolerance, bodies = self.space.tolerance, self.robot.place(q)
-        placed = shapely.union_all(bodies)
-        left, bottom, right, top = placed.bounds
-        gaps = {"xmin": left - xmin, "ymin": bottom - ymin, "xmax": xmax - right, "ymax": ymax - top}
-        side = min(gaps, key=lambda name: gaps[name])
-        bounds, bound = self.environment.bounds, dict(zip(gaps, self.environment.bounds, strict=True))[side]
-        if gaps[side] <= 0:
-            return f"touching or crossing the bounds {bounds} at {side} = {bound:g}"
+        robot, tolerance = self.robot, self.space.tolerance
+        sides, gaps = self.environment.sides, robot.side_gaps(q, self.environment)
+        bounds, k = tuple(sides.values()), int(np.argmin(gaps))
+        side, gap = list(sides)[k], float(gaps[k])
+        if gap <= 0:
+            return f"touching or crossing the bounds {bounds} at {side} = {bounds[k]:g}"
         near = f"away, nearer than the collision tolerance {tolerance:.3g}"
-        if gaps[side] <= 1.001 * tolerance:
-            return f"touching the bounds {bounds}: {side} = {bound:g} is {gaps[side]:.3g} {near}"
-        distances = shapely.distance(placed, np.array(self.environment.obstacles, dtype=object))
+        if gap <= 1.001 * tolerance:
+            return f"touching the bounds {bounds}: {side} = {bounds[k]:g} is {gap:.3g} {near}"
+        distances = robot.gaps(q, self.environment)
         nearest = int(np.argmin(distances)) if len(distances) else 0
-        if len(distances) and distances[nearest] == 0:
+        if len(distances) and distances[nearest] <= 0:
             return f"in collision with obstacle {nearest}"
-        if self.robot.self_collision:
-            for i, k in self.robot.pairs:
-                gap = shapely.distance(bodies[i], bodies[k])
-                if gap <= 1.001 * tolerance:
-                    away = f": they are {gap:.3g} {near}" if gap > 0 else ""
-                    return f"in collision with itself, body {i} with body {k}{away}"
+        for (i, k), gap in zip(robot.pairs, robot.own_gaps(q).tolist(), strict=True):
+            if gap <= 1.001 * tolerance:
+                away = f": they are {gap:.3g} {near}" if gap > 0 else ""
+                return f"in collision with itself, body {i} with body {k}{away}"
+        if not len(distances):
+            return "in collision"
         return f"in collision: obstacle {nearest} is {distances[nearest]:.3g} {near}"
 
     @cached_property

@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 import hashlib
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from functools import cached_property
+from typing import ClassVar
 
 import numpy as np
 import numpy.typing as npt
@@ -16,7 +17,7 @@ from guided_gym.checks import affordable, integer, shown, vector
 from guided_gym.errors import InvalidInputError
 from guided_gym.geometry.convex import Pieces, cover_polygons
 from guided_gym.geometry.occupancy import cell_obstacles, occupied_cells
-from guided_gym.geometry.packing import pack
+from guided_gym.geometry.packing import local_origin, pack
 from guided_gym.kernels import collision
 
 FloatArray = npt.NDArray[np.float64]
@@ -41,6 +42,7 @@ class Environment:
 
     bounds: Bounds
     obstacles: tuple[shapely.Polygon, ...] = ()
+    in_space: ClassVar[bool] = False
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "bounds", _checked_bounds(self.bounds))
@@ -115,6 +117,52 @@ class Environment:
         xmin, ymin, xmax, ymax = self.bounds
         return float(np.hypot(xmax - xmin, ymax - ymin))
 
+    @property
+    def sides(self) -> dict[str, float]:
+        """The bounds by name, the lower ones first."""
+        return dict(zip(("xmin", "ymin", "xmax", "ymax"), self.bounds, strict=True))
+
+    @cached_property
+    def width(self) -> float:
+        """Twice the area of the free space by the length of its boundary: the width of a corridor."""
+        free = self.free_space
+        return 2.0 * free.area / free.length if free.length > 0 else self.extent
+
+    def magnitudes(self) -> tuple[float, float]:
+        """The largest coordinates: of those that the kernels have, and of the caller's bounds."""
+        corners = np.concatenate((self.cover.vertices, np.reshape(self.bounds, (2, 2))))
+        local = float(np.abs(corners - local_origin(self.bounds)).max())
+        return local, max(map(abs, self.bounds))
+
+    def keeping(self, kept: Sequence[int]) -> Environment:
+        """The same bounds with some of the obstacles."""
+        return Environment(self.bounds, tuple(self.obstacles[i] for i in kept))
+
+    def hulls(self) -> Environment:
+        """The convex hull of each obstacle in its place."""
+        return Environment(self.bounds, tuple(o.convex_hull for o in self.obstacles))
+
+    def boxes(self) -> Environment:
+        """The bounding box of each obstacle in its place."""
+        return Environment(self.bounds, tuple(o.envelope for o in self.obstacles))
+
+    def shrunk(self, margin: float) -> Environment:
+        """Obstacles that are smaller by a margin all around; those that are too thin are gone."""
+        smaller = (o.buffer(-margin, join_style="mitre") for o in self.obstacles)
+        return Environment(self.bounds, tuple(o for o in smaller if not o.is_empty))
+
+    @cached_property
+    def thinnest(self) -> float:
+        """Diameter of the largest disc in the thinnest obstacle; 0 without any."""
+        # The line from the disc's centre to its rim.
+        inside = (2.0 * shapely.maximum_inscribed_circle(o).length for o in self.obstacles)
+        return min(inside, default=0.0)
+
+    def identity(self) -> Iterator[bytes]:
+        """The obstacles, for fingerprints."""
+        shapes = np.array(self.obstacles, dtype=object)
+        yield from shapely.to_wkb(shapes, byte_order=1, include_srid=False).tolist()
+
     @cached_property
     def obstacle_union(self) -> shapely.Polygon | shapely.MultiPolygon:
         """The union of the obstacles; an empty MultiPolygon, whose distances are NaN, if there are none."""
@@ -131,7 +179,7 @@ class Environment:
     def fingerprint(self) -> str:
         """SHA-256 (hex) of bounds and obstacles, the same in every process."""
         digest = hashlib.sha256(np.array(self.bounds, dtype="<f8").tobytes())
-        for body in shapely.to_wkb(np.array(self.obstacles, dtype=object), byte_order=1).tolist():
+        for body in self.identity():
             digest.update(len(body).to_bytes(8, "little") + body)
         return digest.hexdigest()
 

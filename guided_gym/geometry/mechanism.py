@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from collections.abc import Iterator, Sequence
-from typing import NamedTuple
+from typing import ClassVar, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
@@ -33,10 +33,12 @@ class Mechanism(ABC):
     Attributes:
         name: For people; no part of the robot's identity.
         self_collision: Whether some of its bodies must keep off each other.
+        in_space: Whether it moves in space, among the solids of a `SpatialEnvironment`.
     """
 
     name: str
     self_collision: bool = False
+    in_space: ClassVar[bool] = False
 
     @property
     def pairs(self) -> list[tuple[int, int]]:
@@ -84,6 +86,23 @@ class Mechanism(ABC):
         Raises:
             InvalidInputError: q is not a finite array of shape (dimension,).
         """
+
+    def gaps(self, q: FloatArray, environment: Environment) -> FloatArray:
+        """(n,) how far the robot is from each obstacle of an environment (length)."""
+        placed = shapely.union_all(self.place(q))
+        gaps: FloatArray = shapely.distance(placed, np.array(environment.obstacles, dtype=object))
+        return gaps
+
+    def side_gaps(self, q: FloatArray, environment: Environment) -> FloatArray:
+        """How far it is inside each of `Environment.sides`; negative beyond (length)."""
+        xmin, ymin, xmax, ymax = environment.bounds
+        left, bottom, right, top = shapely.union_all(self.place(q)).bounds
+        return np.array([left - xmin, bottom - ymin, xmax - right, ymax - top])
+
+    def own_gaps(self, q: FloatArray) -> FloatArray:
+        """How far the bodies of each of `pairs` are apart (length)."""
+        bodies = self.place(q)
+        return np.array([shapely.distance(bodies[i], bodies[k]) for i, k in self.pairs])
 
     @abstractmethod
     def position(self, q: FloatArray) -> FloatArray:

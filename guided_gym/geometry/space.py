@@ -9,13 +9,11 @@ from functools import cached_property
 
 import numpy as np
 import numpy.typing as npt
-import shapely
 
 from guided_gym.checks import instance
 from guided_gym.errors import InvalidInputError
 from guided_gym.geometry.environment import Environment
 from guided_gym.geometry.mechanism import Mechanism
-from guided_gym.geometry.packing import local_origin
 from guided_gym.kernels import collision
 from guided_gym.kernels.metric import Metric
 
@@ -97,6 +95,11 @@ class ConfigurationSpace:
         """
         instance("robot", robot, Mechanism, "Robot")  # type: ignore[type-abstract]
         instance("environment", environment, Environment)
+        if robot.in_space != environment.in_space:
+            kinds = ("planar", "SpatialEnvironment") if robot.in_space else ("SpatialEnvironment", "planar")
+            raise InvalidInputError(
+                f"environment: expected a {kinds[1]} one for robot {robot.name!r}, got a {kinds[0]} one"
+            )
         self.robot = robot
         self.environment = environment
         self.rotation_weight = rotation_weight
@@ -118,9 +121,7 @@ class ConfigurationSpace:
         side of a square room. For a robot of some size as much less as it is wide, but not less than three
         of its radii where the width allows them: longer motions than these rarely fit through a door.
         """
-        free = self.environment.free_space
-        width = 2.0 * free.area / free.length if free.length > 0 else self.extent
-        radius = self.robot.radius
+        width, radius = self.environment.width, self.robot.radius
         return float(min(width, max(width - 2.0 * radius, 3.0 * radius)))
 
     @cached_property
@@ -235,9 +236,7 @@ class ConfigurationSpace:
         digest = hashlib.sha256(b"guided-gym configuration space 1\n")
         numbers = [self.dimension, self.tolerance, *self.environment.bounds, *self.weights]
         digest.update(np.array(numbers, dtype="<f8").tobytes())
-        obstacles = np.array(self.environment.obstacles, dtype=object)
-        shapes = shapely.to_wkb(obstacles, byte_order=1, include_srid=False).tolist()
-        for body in (*self.robot.identity(), *shapes):
+        for body in (*self.robot.identity(), *self.environment.identity()):
             digest.update(len(body).to_bytes(8, "little") + body)
         return digest.hexdigest()
 
@@ -304,10 +303,8 @@ def _frozen(values: npt.ArrayLike) -> FloatArray:
 
 def _checked_tolerance(tolerance: float | None, robot: Mechanism, environment: Environment) -> float:
     """The tolerance, large enough for rounding: in the kernels' coordinates and in the caller's."""
-    origin = local_origin(environment.bounds)
-    corners = np.concatenate((environment.cover.vertices, np.reshape(environment.bounds, (2, 2))))
-    local = max(float(np.abs(corners - origin).max()), robot.radius)
-    outer = max(map(abs, environment.bounds))
+    local, outer = environment.magnitudes()
+    local = max(local, robot.radius)
     smallest = max(_SMALLEST_TOLERANCE * local, _SMALLEST_OUTER_TOLERANCE * outer)
     limit = _LARGEST_TOLERANCE * environment.extent
     if tolerance is None and smallest <= limit:

@@ -22,7 +22,9 @@ from guided_gym.geometry.environment import Environment
 from guided_gym.geometry.linkages import Linkage
 from guided_gym.geometry.mechanism import Mechanism
 from guided_gym.geometry.robots import Robot, rigid
+from guided_gym.geometry.solids import Capsule, SpatialEnvironment
 from guided_gym.geometry.space import ConfigurationSpace
+from guided_gym.geometry.spatial_arms import SpatialArm, point_in_space
 from guided_gym.guidance.solvers.base import Floats
 from guided_gym.guidance.subspace import Subspace
 from guided_gym.kernels.metric import Metric
@@ -97,11 +99,13 @@ class Point:
     def space(self, space: ConfigurationSpace, environment: Environment, start: Floats) -> ConfigurationSpace:
         """The workspace."""
         self._robot = space.robot
+        if isinstance(environment, SpatialEnvironment):
+            return _space(space, _point_in_space(environment), environment)
         return _space(space, _body(Robot.point), environment)
 
     def project(self, q: Floats) -> Floats:
-        """(n, 2) positions: of an arm, of its tool."""
-        return self._robot.position(q)
+        """(n, 2) positions: of an arm, of its tool; (n, 3) in space."""
+        return self._robot.tool_at(q) if isinstance(self._robot, SpatialArm) else self._robot.position(q)
 
 
 class Disc(Point):
@@ -183,13 +187,14 @@ class Links:
             InvalidInputError: A robot without joints, or one with fewer.
         """
         robot = space.robot
-        if not (isinstance(robot, Linkage) and self.links <= len(robot.joints)):
-            joints = len(robot.joints) if isinstance(robot, Linkage) else 0
+        if not (isinstance(robot, Linkage | SpatialArm) and self.links <= len(robot.joints)):
+            joints = len(robot.joints) if isinstance(robot, Linkage | SpatialArm) else 0
             raise InvalidInputError(
                 f"links: expected a robot with at least {self.links} joints, got {robot.name!r} with {joints}"
             )
-        self._kept = self.links + 2 * robot.mobile
-        return _space(space, _first_links(robot, self.links), environment)
+        shorter = _first_links(robot, self.links)
+        self._kept = shorter.dimension
+        return _space(space, shorter, environment)
 
     def project(self, q: Floats) -> Floats:
         """(n, d') the first coordinates."""
@@ -305,7 +310,9 @@ def _body(make: Callable[[], Robot]) -> Robot:
 
 
 def _middle_line(outline: Any) -> Any:
-    """The longest part of the middle line of the narrowest rectangle around a polygon that is inside."""
+    """The longest part of the middle line of the narrowest rectangle around a polygon; a capsule's axis."""
+    if isinstance(outline, Capsule):
+        return replace(outline, radius=0.0)
     if not isinstance(outline, shapely.Polygon):
         return outline
     corners = shapely.get_coordinates(outline.minimum_rotated_rectangle)[:4]
@@ -317,6 +324,8 @@ def _middle_line(outline: Any) -> Any:
 
 
 def _larger(outline: Any, margin: float) -> Any:
+    if isinstance(outline, Capsule):
+        return replace(outline, radius=outline.radius + margin)
     hull = outline.convex_hull
     return hull.buffer(margin, quad_segs=2) if margin > 0 else hull
 
@@ -326,23 +335,32 @@ def _with_bodies(robot: Mechanism, change: Callable[[Any], Any]) -> Mechanism:
     if isinstance(robot, Linkage):
         bodies = tuple(replace(body, outline=change(body.outline)) for body in robot.bodies)
         return replace(robot, bodies=bodies)
+    if isinstance(robot, SpatialArm):
+        return replace(robot, bodies=tuple(replace(body, shape=change(body.shape)) for body in robot.bodies))
     if isinstance(robot, Robot):
         return replace(robot, outline=change(robot.outline))
-    raise InvalidInputError(f"bodies: expected a planar robot, got {robot.name!r}")
+    raise InvalidInputError(f"bodies: expected another robot, got {robot.name!r}")
 
 
 @lru_cache(maxsize=64)
-def _first_links(robot: Linkage, links: int) -> Linkage:
+def _first_links(robot: Linkage | SpatialArm, links: int) -> Linkage | SpatialArm:
     """The robot without the joints behind the first ones; its tool is where the next one would be."""
     if links == len(robot.joints):
         return robot
+    name = f"first {links} links of {robot.name}"
+    if isinstance(robot, SpatialArm):
+        return robot.shortened(links, name)
     after = robot.joints[links]
     tool = (after.parent, after.offset) if after.parent >= 0 else (links - 1, (0.0, 0.0))
     if robot.tool[0] < links:
         tool = robot.tool
     bodies = tuple(body for body in robot.bodies if body.joint < links)
-    name = f"first {links} links of {robot.name}"
     return replace(robot, joints=robot.joints[:links], bodies=bodies, tool=tool, name=name)
+
+
+@lru_cache(maxsize=8)
+def _point_in_space(environment: SpatialEnvironment) -> SpatialArm:
+    return point_in_space(environment)
 
 
 @lru_cache(maxsize=64)
@@ -391,7 +409,7 @@ class Nothing(SameEnvironment):
 
     def environment(self, environment: Environment) -> Environment:
         """The bounds alone."""
-        return Environment(environment.bounds)
+        return environment.keeping(())
 
 
 class Without(SameEnvironment):
@@ -413,8 +431,7 @@ class Without(SameEnvironment):
                 f"without: expected obstacles 0 to {len(environment.obstacles) - 1}, "
                 f"got {list(self.obstacles)}"
             )
-        kept = [o for i, o in enumerate(environment.obstacles) if i not in self.obstacles]
-        return Environment(environment.bounds, tuple(kept))
+        return environment.keeping([i for i in range(len(environment.obstacles)) if i not in self.obstacles])
 
 
 class Shrunk(SameEnvironment):
@@ -435,8 +452,8 @@ class Shrunk(SameEnvironment):
     def environment(self, environment: Environment) -> Environment:
         """What is left of the obstacles."""
         self._failures = 0
-        self._margin = _half_of_thinnest(environment) if self.margin is None else self.margin
-        return _eroded(environment, self._margin)
+        self._margin = 0.25 * environment.thinnest if self.margin is None else self.margin
+        return environment.shrunk(self._margin)
 
     def revised(self, space: ConfigurationSpace, contact: Floats) -> Environment | None:
         """Obstacles half as much smaller, each so many failures."""
@@ -444,7 +461,7 @@ class Shrunk(SameEnvironment):
         if self.patience == 0 or self._failures % self.patience or self._failures > 8 * self.patience:
             return None
         self._margin /= 2.0
-        return _eroded(space.environment, self._margin)
+        return space.environment.shrunk(self._margin)
 
 
 class Hulls(SameEnvironment):
@@ -452,7 +469,7 @@ class Hulls(SameEnvironment):
 
     def environment(self, environment: Environment) -> Environment:
         """The hulls."""
-        return Environment(environment.bounds, tuple(o.convex_hull for o in environment.obstacles))
+        return environment.hulls()
 
 
 class Boxes(SameEnvironment):
@@ -460,7 +477,7 @@ class Boxes(SameEnvironment):
 
     def environment(self, environment: Environment) -> Environment:
         """The boxes."""
-        return Environment(environment.bounds, tuple(o.envelope for o in environment.obstacles))
+        return environment.boxes()
 
 
 class Revealed(SameEnvironment):
@@ -471,34 +488,21 @@ class Revealed(SameEnvironment):
     def environment(self, environment: Environment) -> Environment:
         """The bounds alone."""
         self._known: set[int] = set()
-        return Environment(environment.bounds)
+        return environment.keeping(())
 
     def revised(self, space: ConfigurationSpace, contact: Floats) -> Environment | None:
         """With the obstacle that the robot hit."""
-        obstacles = space.environment.obstacles
-        if not obstacles:
+        away = space.robot.gaps(contact, space.environment)
+        if not away.size:
             return None
-        bodies = shapely.union_all(space.robot.place(contact))
-        away = shapely.distance(np.array(obstacles), bodies)
         hit = int(np.argmin(away))
         if hit in self._known:
             return None
         self._known.add(hit)
-        return Environment(space.environment.bounds, tuple(obstacles[i] for i in sorted(self._known)))
+        return space.environment.keeping(sorted(self._known))
 
 
 UNCHANGED: Final = SameEnvironment()
-
-
-@lru_cache(maxsize=64)
-def _half_of_thinnest(environment: Environment) -> float:
-    inside = (shapely.maximum_inscribed_circle(obstacle).length for obstacle in environment.obstacles)
-    return 0.5 * min(inside, default=0.0)
-
-
-def _eroded(environment: Environment, margin: float) -> Environment:
-    smaller = (o.buffer(-margin, join_style="mitre") for o in environment.obstacles)
-    return Environment(environment.bounds, tuple(o for o in smaller if not o.is_empty))
 
 
 # One row per modification: the words of ``robot=...`` and ``environment=...``.

@@ -171,6 +171,11 @@ JOINTS, BODIES, PAIRS, BASE, JOINT_NUMBERS, BODY_NUMBERS, LIMITS, OWN_ROWS, TOOL
 """Entries before the rows of a linkage's table; `guided_gym.kernels.linkage` says what they are."""
 TABLE_HEADER = 10
 
+BOX, CYLINDER, HALF_SPACE = range(3)
+"""Kinds of solids in space; `guided_gym.kernels.spatial` says what they are."""
+SOLIDS = OWN_ROWS
+"""Where the table of an arm in space says how many of them there are."""
+
 
 @njit(cache=True)
 def pack_linkage(
