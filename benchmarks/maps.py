@@ -93,7 +93,7 @@ def in_process(map_file: Path, tasks: list[tuple[list[float], list[float]]]) -> 
     from guided_gym.catalogue.maps import MapOptions, read_map
     from guided_gym.problems import Task
     from guided_gym.storage.preparations import PreparationStore
-    from guided_gym.train.plan_cli import _problem
+    from guided_gym.train.plan_cli import _problems
     from guided_gym.train.plans import Planner
 
     rows: dict[str, list[float]] = {"read the map": [], "a plan, all of it": [], "a further task": []}
@@ -102,7 +102,7 @@ def in_process(map_file: Path, tasks: list[tuple[list[float], list[float]]]) -> 
         read_map(map_file)
         rows["read the map"].append(time.process_time() - began)
         began = time.process_time()
-        problem = _problem(map_file, ROBOT, *FIRST, MapOptions())
+        (problem,) = _problems(map_file, ROBOT, *FIRST, MapOptions())
         planner = Planner(problem, store=PreparationStore(None))
         assert planner.plan().solved
         rows["a plan, all of it"].append(time.process_time() - began)

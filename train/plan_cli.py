@@ -123,10 +123,11 @@ def plan(
     began = time.perf_counter()
     options = MapOptions(**given)
     first = None if tasks is None else _first_task(tasks)
-    problem = _problem(file, robot, start or (first and first[0]), goal or (first and first[1]), options)
+    problems = _problems(file, robot, start or (first and first[0]), goal or (first and first[1]), options)
+    problem = problems[0]
     planner = Planner(problem, guidance, max_samples=max_samples, smoothing=smooth, room=room)
     loaded = time.perf_counter() - began
-    wanted = [problem.task] if tasks is None else read_tasks(tasks, problem)
+    wanted = [one.task for one in problems] if tasks is None else read_tasks(tasks, problem)
     answers = [planner.plan(task, seed=seed, seconds=seconds) for task in wanted]
     limits = _limits(velocity, acceleration)
     _print_plan(problem, answers, loaded)
@@ -177,10 +178,12 @@ def check(
             placed.append((label, q, free))
             rows.append((label, text))
             wrong |= not free
-        if len(poses) == 2 and not wrong and path:
-            found, text = _path_row(space, poses["start"], poses["goal"])
-            rows.append(("path", text))
-            wrong |= not found
+        goals = [name for name in poses if name != "start"]
+        if "start" in poses and not wrong and path:
+            for name in goals:
+                found, text = _path_row(space, poses["start"], poses[name])
+                rows.append(("path" if len(goals) == 1 else f"path to {name}", text))
+                wrong |= not found
         gaps = narrow_gaps(environment, body)
     screen = console()
     _print_rows(str(file), rows)
@@ -367,24 +370,24 @@ def _parts(
         weight = model.metric.rotation_weight
         if body is None and model.robot is not None:
             body = rigid(model.robot.robot(), "convert")
-        for name in given:
-            if name not in poses and getattr(model, name) is not None:
-                poses[name] = model.configuration(name)
+        for name, q in model.configurations().items():
+            if given[name.partition("s[")[0]] is None:
+                poses[name] = q
     for name, q in poses.items():
         if body is not None and len(q) != body.dimension:
             raise InvalidInputError(
                 f"{name}: expected {body.dimension} numbers for {body.name!r}, got {len(q)}"
             )
-    return environment, body, {name: poses[name] for name in given if name in poses}, weight
+    return environment, body, dict(sorted(poses.items(), key=lambda row: row[0] != "start")), weight
 
 
-def _problem(
+def _problems(
     file: Path, robot: str | None, start: str | None, goal: str | None, options: MapOptions
-) -> Problem:
-    """The problem that a file and the options make together."""
+) -> list[Problem]:
+    """The problem that a file and the options make together, or one for each goal of the file."""
     import numpy as np
 
-    from guided_gym.catalogue.files import PROBLEM_SUFFIXES, load_problem, pose_trouble, read_problem_file
+    from guided_gym.catalogue.files import PROBLEM_SUFFIXES, load_problems, pose_trouble, read_problem_file
     from guided_gym.geometry.space import ConfigurationSpace
     from guided_gym.problems import Problem, Task
 
@@ -392,12 +395,13 @@ def _problem(
     if file.suffix.lower() == ".scen":
         from guided_gym.catalogue.files import file_distribution
 
-        return file_distribution(str(file)).problem(0)
+        return [file_distribution(str(file)).problem(0)]
     if file.suffix.lower() in PROBLEM_SUFFIXES and whole:
-        return load_problem(file)
+        return load_problems(file)
     environment, body, poses, weight = _parts(file, robot, start, goal, options)
-    for name, value in (("robot", body), ("start", poses.get("start")), ("goal", poses.get("goal"))):
-        if value is None:
+    goals = [q for name, q in poses.items() if name != "start"]
+    for name, there in (("robot", body is not None), ("start", "start" in poses), ("goal", bool(goals))):
+        if not there:
             raise InvalidInputError(f"{name}: expected it in {file} or as --{name}, got none")
     assert body is not None
     space = ConfigurationSpace(body, environment, weight)
@@ -409,10 +413,10 @@ def _problem(
     if file.suffix.lower() in PROBLEM_SUFFIXES:
         rule = read_problem_file(file).goal_rule
         tolerance, by_edge = rule.tolerance, rule.by_edge
-    task = Task(poses["start"], poses["goal"], tolerance, by_edge)
-    problem = Problem(body, environment, task, file.stem, rotation_weight=weight)
+    tasks = [Task(poses["start"], q, tolerance, by_edge) for q in goals]
+    problem = Problem(body, environment, tasks[0], file.stem, rotation_weight=weight)
     problem.__dict__["space"] = space
-    return problem
+    return [problem.asking(task) for task in tasks]
 
 
 def _first_task(tasks: Path) -> tuple[str, str] | None:
@@ -495,6 +499,11 @@ def _print_plan(problem: Problem, answers: Sequence[Answer], loaded: float) -> N
         rows.append(("tasks", f"{len(solved)} of {len(answers)} solved"))
         if lengths:
             rows.append(("length", f"{sum(lengths) / len(lengths):.6g} on average"))
+            near = min(
+                range(len(answers)), key=lambda k: answers[k].length if answers[k].solved else math.inf
+            )
+            where = [round(v, 6) for v in answers[near].task.goal.tolist()]
+            rows.append(("nearest", f"goal {near}, {where}: length {answers[near].length:.6g}"))
         rows.append(("samples", str(sum(answer.samples for answer in answers))))
         rows.append(
             ("seconds", f"{loaded:.2f} to load, {total:.2f} to plan, {total / len(answers):.3f} a task")

@@ -93,7 +93,7 @@ def check_figure(
     for label, q, free in poses:
         if robot is None:
             continue
-        colour = {"start": workspace.START, "goal": workspace.GOAL}[label] if free else workspace.PATH
+        colour = workspace.PATH if not free else workspace.START if label == "start" else workspace.GOAL
         workspace.draw_outline(axes, robot, np.asarray(q, np.float64), colour)
         if not free:
             text = f"{label}: not free"

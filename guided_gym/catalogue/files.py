@@ -371,6 +371,7 @@ class ProblemFile(_Model):
         bounds: xmin, ymin, xmax, ymax; those of the map by default.
         start: Configuration s: x, y and, for a robot that turns, its heading.
         goal: Configuration t.
+        goals: Several of them in place of one: a task to each, from the same start.
         goal_rule: When the goal counts as reached.
         metric: Weights of the distance.
         robot: The robot.
@@ -386,6 +387,7 @@ class ProblemFile(_Model):
     bounds: Box | None = None
     start: Vector | None = None
     goal: Vector | None = None
+    goals: Annotated[list[Vector], Field(min_length=1, max_length=10_000)] | None = None
     goal_rule: GoalRule = GoalRule()
     metric: Metric = Metric()
     robot: RobotPart | None = None
@@ -397,10 +399,11 @@ class ProblemFile(_Model):
     def _angles_in_range(self) -> ProblemFile:
         if self.bounds is None and self.map is None:
             raise ValueError("expected bounds or a map, got neither")
+        if self.goal is not None and self.goals is not None:
+            raise ValueError("goals: expected goal or goals, got both")
         most = _FULL_TURN if self.units.angle == "rad" else 360.0
-        for name in ("start", "goal"):
-            q = getattr(self, name)
-            if q is not None and self._rigid and len(q) == 3 and abs(q[2]) > most:
+        for name, q in self._poses():
+            if self._rigid and len(q) == 3 and abs(q[2]) > most:
                 hint = " (degrees? units.angle = 'deg' says so)" if self.units.angle == "rad" else ""
                 raise ValueError(
                     f"{name}: expected a heading of -{most:.6g} to {most:.6g} {self.units.angle}, "
@@ -408,23 +411,23 @@ class ProblemFile(_Model):
                 )
         return self
 
+    def _poses(self) -> list[tuple[str, list[float]]]:
+        """Start and goals as they stand in the file, with the names of their fields."""
+        poses = [("start", self.start), ("goal", self.goal)]
+        return [(name, q) for name, q in poses if q is not None] + [
+            (f"goals[{k}]", q) for k, q in enumerate(self.goals or ())
+        ]
+
     @property
     def _rigid(self) -> bool:
         return self.robot is None or self.robot.kind != "linkage"
 
-    def configuration(self, name: str) -> list[float]:
-        """The start or goal, its heading in radians.
-
-        Raises:
-            InvalidInputError: The file has none.
-        """
-        q: list[float] | None = getattr(self, name)
-        if q is None:
-            raise InvalidInputError(f"{name}: expected this field of a problem, got none")
+    def configurations(self) -> dict[str, list[float]]:
+        """What there is of start and goal(s), angles in radians, by the names of their fields."""
         if self.units.angle == "rad":
-            return list(q)
+            return {name: list(q) for name, q in self._poses()}
         first = 2 if self.robot is None else self.robot.first_angle
-        return [*q[:first], *map(math.radians, q[first:])]
+        return {name: [*q[:first], *map(math.radians, q[first:])] for name, q in self._poses()}
 
     def environment(self, folder: Path) -> Environment:
         """The workspace; a map is looked for in ``folder``.
@@ -452,8 +455,8 @@ class ProblemFile(_Model):
             base = read_map(file, self.map.options(self.bounds))
         return _joined(base, self.bounds, polygons)
 
-    def problem(self, folder: Path) -> Problem:
-        """The problem; a map is looked for in ``folder``.
+    def problems(self, folder: Path) -> list[Problem]:
+        """The problem, or one for each of the goals; a map is looked for in ``folder``.
 
         Raises:
             InvalidInputError: A part is missing or cannot be used.
@@ -461,18 +464,27 @@ class ProblemFile(_Model):
         """
         if self.robot is None:
             raise InvalidInputError("robot: expected this field of a problem, got none")
-        start, goal = self.configuration("start"), self.configuration("goal")
+        poses = self.configurations()
+        for name in ("start", "goal"):
+            if name not in poses and not (name == "goal" and self.goals):
+                raise InvalidInputError(f"{name}: expected this field of a problem, got none")
         robot, environment = self.robot.robot(), self.environment(folder)
-        self._check_poses(robot, environment)
-        task = Task(start, goal, self.goal_rule.tolerance, self.goal_rule.by_edge)
+        self._check_poses(robot, environment, poses)
         regions = {name: part.shape(f"regions.{name}") for name, part in self.regions.items()}
-        return Problem(robot, environment, task, self.name, regions, self.metric.rotation_weight)
+        rule, start = (self.goal_rule.tolerance, self.goal_rule.by_edge), poses.pop("start")
+        tasks = [Task(start, goal, *rule) for goal in poses.values()]
+        first = Problem(robot, environment, tasks[0], self.name, regions, self.metric.rotation_weight)
+        if self.goals is None:
+            return [first]
+        return [first.asking(task, f"{self.name}-{k}") for k, task in enumerate(tasks)]
 
-    def _check_poses(self, robot: Mechanism, environment: Environment) -> None:
+    def _check_poses(
+        self, robot: Mechanism, environment: Environment, poses: Mapping[str, list[float]]
+    ) -> None:
         space = ConfigurationSpace(robot, environment, self.metric.rotation_weight)
         names = self.obstacle_names()
-        for label in ("start", "goal"):
-            q = np.array(self.configuration(label))
+        for label, values in poses.items():
+            q = np.array(values)
             if q.size != space.dimension:
                 raise InvalidInputError(
                     f"{label}: expected {space.dimension} numbers for a robot of dimension "
@@ -585,9 +597,9 @@ def _validated(path: Path, text: str, content: Any) -> ProblemFile:
     except ValidationError as error:
         first = error.errors(include_url=False)[0]
         place = first["loc"]
-        named = re.match(r"Value error, ([a-z_]+):", str(first["msg"]))
+        named = re.match(r"Value error, ([a-z_]+)(?:\[(\d+)\])?:", str(first["msg"]))
         if not place and named:
-            place = (named[1],)
+            place = (named[1],) if named[2] is None else (named[1], int(named[2]))
         line = _line_of(path, text, place)
         raise InvalidInputError(f"{path}, line {line}: {_message(first)}") from None
     except OverflowError as error:
@@ -717,10 +729,21 @@ def load_problem(path: str | Path) -> Problem:
         StorageError: It cannot be read, or is damaged; names the line.
         InvalidInputError: A field is missing or cannot be used; names the field, and its line.
     """
+    problems = load_problems(path)
+    if len(problems) > 1:
+        raise InvalidInputError(
+            f"{path}: goals: expected one goal for one problem, got {len(problems)}: "
+            "make_distribution(path) and `guided-gym plan` take them all"
+        )
+    return problems[0]
+
+
+def load_problems(path: str | Path) -> list[Problem]:
+    """The problems of a problem file, one for each of its goals; errors as `load_problem`."""
     path = Path(path)
     model = read_problem_file(path)
-    problem: Problem = _built(path, lambda: model.problem(path.parent))
-    return problem
+    problems: list[Problem] = _built(path, lambda: model.problems(path.parent))
+    return problems
 
 
 def load_environment(path: str | Path, options: MapOptions = DEFAULT_OPTIONS) -> Environment:
@@ -800,6 +823,7 @@ def map_file(
             bounds=list(environment.bounds),
             start=list(poses["start"]) if "start" in poses else None,
             goal=list(poses["goal"]) if "goal" in poses else None,
+            goals=[list(q) for name, q in poses.items() if name.startswith("goals[")] or None,
             metric=Metric(rotation_weight=rotation_weight),
             robot=None if robot is None else RobotPart.of(robot),
             obstacles=[_polygon_part(one) for one in environment.obstacles],
@@ -877,8 +901,11 @@ def problem_of(content: Any, where: Path) -> Problem:
         raise InvalidInputError(f"{where}: {_message(error.errors(include_url=False)[0])}") from None
     if model.map is not None:
         raise InvalidInputError(f"{where}: expected a problem that needs no other file, got one with a map")
+    if model.goals is not None:
+        raise InvalidInputError(f"{where}: goals: expected one goal, got {len(model.goals)} in a list")
     try:
-        return model.problem(where.parent)
+        (problem,) = model.problems(where.parent)
+        return problem
     except InvalidInputError as error:
         raise InvalidInputError(f"{where}: {error}") from None
 
@@ -979,6 +1006,27 @@ class ScenarioProblems(ProblemList):
         return self._kept[index]
 
 
+class FileProblems(ProblemList):
+    """The problems of a problem file with several goals: problem k goes to goal k.
+
+    Args:
+        path: The file.
+    """
+
+    def __init__(self, path: Path) -> None:
+        self._problems = load_problems(path)
+        self.name = path.stem
+        self.summary = f"The goals of {path.name}"
+
+    def __len__(self) -> int:
+        """Number of goals."""
+        return len(self._problems)
+
+    def __getitem__(self, index: int) -> Problem:
+        """Problem number ``index``."""
+        return self._problems[index]
+
+
 def is_file_name(name: str) -> bool:
     """Whether a name is that of a problem file or map rather than one of the catalogue."""
     return Path(name).suffix.lower() in FILE_SUFFIXES
@@ -1009,4 +1057,5 @@ def _distribution(path: Path, changed: int, size: int) -> ProblemDistribution:
             f"{path}: expected a problem, got a map, which has no robot, start and goal: "
             f"guided-gym convert {path.name} problem.toml --robot ... --start ... --goal ..."
         )
-    return FixedProblem(load_problem(path), f"The problem of {path.name}")
+    several = FileProblems(path)
+    return several if len(several) > 1 else FixedProblem(several[0], f"The problem of {path.name}")

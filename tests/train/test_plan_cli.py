@@ -11,7 +11,7 @@ import pytest
 from numpy.typing import NDArray
 from typer.testing import CliRunner
 
-from guided_gym.catalogue.files import load_environment, load_problem
+from guided_gym.catalogue.files import load_environment, load_problem, load_problems
 from guided_gym.catalogue.inspection import narrow_gaps, nearest_free_pose, robot_widths
 from guided_gym.catalogue.table import make_distribution
 from guided_gym.errors import InvalidInputError
@@ -118,6 +118,38 @@ def test_check__says_that_there_is_no_path(tmp_path: Path) -> None:
     code, text = _run("check", tmp_path / "it.toml")
     assert code == 1
     assert "no path" in text
+
+
+ERRANDS = """format = "guided-gym problem 1"
+name = "errands"
+bounds = [0, 0, 9, 5]
+start = [1, 1]
+goals = [[8, 1], [8, 4], [1, 4]]
+
+[robot]
+kind = "point"
+
+[[obstacles]]
+box = [4, 0, 5, 4]
+"""
+
+
+def test_goals__are_planned_checked_and_kept(tmp_path: Path) -> None:
+    file = tmp_path / "it.toml"
+    file.write_text(ERRANDS)
+    code, said = _run("plan", file, "--json", tmp_path / "it.json", "--svg", tmp_path / "it.svg")
+    assert code == 0 and "3 of 3 solved" in said and "goal 2, [1.0, 4.0]: length 3" in said
+    rows = json.loads((tmp_path / "it.json").read_text())["plans"]
+    assert [row["goal"] for row in rows] == [[8, 1], [8, 4], [1, 4]]
+    code, said = _run("plan", file, "--goal", "8,2")
+    assert code == 0 and "waypoints" in said
+    code, said = _run("check", file, "--svg", tmp_path / "check.svg")
+    assert code == 0 and said.count("path to goals") == 3
+    code, _ = _run("convert", file, tmp_path / "again.json")
+    assert code == 0
+    assert [one.fingerprint for one in load_problems(tmp_path / "again.json")] == [
+        one.fingerprint for one in load_problems(file)
+    ]
 
 
 def test_convert__from_each_kind_to_a_problem_and_back(tmp_path: Path) -> None:

@@ -122,7 +122,7 @@ def document_of_file(file: Path, folder: Path) -> Document:
         corner = [xmin + 2 * side, ymin + 2 * side], [xmax - 2 * side, ymax - 2 * side]
         turn = [0.0] * (robot.dimension - 2)
         poses = {
-            name: [*place, *turn] if getattr(model, name) is None else model.configuration(name)
+            name: [*place, *turn] if getattr(model, name) is None else model.configurations()[name]
             for name, place in zip(("start", "goal"), corner, strict=True)
         }
         filled = map_file(file, environment, robot, poses, model.metric.rotation_weight)

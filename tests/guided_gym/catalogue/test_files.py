@@ -13,7 +13,13 @@ import shapely
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from guided_gym.catalogue.files import load_environment, load_problem, read_problem_file, save_problem
+from guided_gym.catalogue.files import (
+    load_environment,
+    load_problem,
+    load_problems,
+    read_problem_file,
+    save_problem,
+)
 from guided_gym.catalogue.table import distribution_names, make_distribution
 from guided_gym.errors import GuidedGymError, InvalidInputError, StorageError
 from guided_gym.geometry.environment import Environment
@@ -188,6 +194,49 @@ def test_errors__name_file_line_and_field(old: str, new: str, message: str, tmp_
     assert str(caught.value).startswith(str(tmp_path / "it.toml"))
     assert len(str(caught.value)) < 1000
     assert "\n" not in str(caught.value)
+
+
+GOALS = [
+    ("[[9.0, 5.0, 0.0], [9.0, 1.0, 0.0]]", None),
+    ("[[9.0, 5.0, 0.0], [5.0, 5.0, 0.0]]", r"line 4: goals\[1\]: .*'column'.* is free"),
+    ("[[9.0, 5.0, 0.0], [9.0, 1.0, 90.0]]", r"line 4: goals\[1\]: .*degrees"),
+    ("[[9.0, 5.0, 0.0], [9.0, 1.0]]", r"line 4: goals\[1\]: expected 3 numbers"),
+    ("[[9.0, 5.0, 0.0], 7]", r"line 4: goals\[1\]"),
+    ("[]", r"line 4: goals: "),
+    ("[[9.0, 5.0, 0.0]]\ngoal = [9.0, 5.0, 0.0]", r"line 4: goals: expected goal or goals, got both"),
+]
+
+
+@pytest.mark.parametrize(("goals", "message"), GOALS, ids=[goals for goals, _ in GOALS])
+def test_goals__are_a_task_each(goals: str, message: str | None, tmp_path: Path) -> None:
+    file = tmp_path / "it.toml"
+    file.write_text(TEXT.replace("goal = [9.0, 5.0, 0.0]", f"goals = {goals}"))
+    if message is not None:
+        with pytest.raises(InvalidInputError, match=message):
+            load_problems(file)
+        return
+    first, second = load_problems(file)
+    assert (first.task.goal[1], second.task.goal[1]) == (5.0, 1.0)
+    assert first.space is second.space and first.task.start.tolist() == second.task.start.tolist()
+    assert first.fingerprint != second.fingerprint and first.name != second.name
+    distribution = make_distribution(str(file))
+    assert not distribution.fixed
+    assert [distribution.problem(k).fingerprint for k in (0, 1, 2)] == [
+        one.fingerprint for one in (first, second, first)
+    ]
+    with pytest.raises(InvalidInputError, match="expected one goal"):
+        Problem.load(file)
+    env = gym.make("guided_gym/ProblemFile-v0", path=file, max_nodes=16)
+    env.reset(seed=1)
+    assert env.unwrapped.problem.task.goal[1] == 1.0  # type: ignore[attr-defined]
+
+
+def test_goals__of_degrees_and_of_one(tmp_path: Path) -> None:
+    file = tmp_path / "it.toml"
+    text = TEXT.replace("goal = [9.0, 5.0, 0.0]", "goals = [[9.0, 5.0, 90.0]]")
+    file.write_text(text.replace("[robot]", '[units]\nangle = "deg"\n\n[robot]', 1))
+    assert Problem.load(file).task.goal[2] == pytest.approx(np.pi / 2)
+    assert make_distribution(str(file)).fixed
 
 
 WRONG_JSON = [
