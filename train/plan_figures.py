@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 from matplotlib.figure import Figure
+from matplotlib.patheffects import withStroke
 from matplotlib.ticker import MaxNLocator
 from numpy.typing import NDArray
 
@@ -41,7 +42,7 @@ def plan_figure(problem: Problem, answers: Sequence[Answer]) -> Figure:
         if answer.path is None:
             continue
         if len(answers) == 1:
-            workspace.draw_path(axes, problem, answer.path)
+            workspace.draw_path(axes, problem, answer.path, alone=True)
         else:
             colour = _SHADES[index % len(_SHADES)]
             axes.plot(*trace(problem.space, answer.path).T, color=colour, linewidth=1.0, zorder=6)
@@ -105,7 +106,8 @@ def check_figure(
 def _write(axes: Axes, text: str, place: Sequence[float] | FloatArray, away: int, colour: str) -> None:
     """Text beside a place, so many points away."""
     at = float(place[0]), float(place[1])
-    axes.annotate(text, at, xytext=(away, away), textcoords="offset points", color=colour, zorder=9)
+    note = axes.annotate(text, at, xytext=(away, away), textcoords="offset points", color=colour, zorder=9)
+    note.set_path_effects([withStroke(linewidth=2.0, foreground="white")])  # readable on walls, too
 
 
 def _sheet(environment: Environment, width: float) -> tuple[Figure, Axes]:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import csv
 import math
+import sys
 import time
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -42,6 +43,7 @@ AUTO: Final = "auto"
 MAX_SAMPLES: Final = 2000
 _FEWEST, _MOST = 56, 160  # cells along the grid
 _CELLS_A_ROBOT: Final = 1.0
+_TIGHT: Final = 200  # samples without headings for a task that begins or ends in a tight place
 _RESTART_SEED: Final = 2**31  # seeds of later searches begin here
 
 
@@ -184,9 +186,10 @@ class Planner:
             with keeping(self.store):
                 search.attach(guide)
             ready += time.perf_counter() - began
-            if guide is not self.guides[-1] and not _sees_way(guide):
+            most = self.max_samples if guide is self.guides[-1] else min(self.max_samples, _worth(guide))
+            if most == 0:
                 continue
-            search.run(guide, self.max_samples)
+            search.run(guide, most)
             path, samples = search.path(), samples + search.samples
             if path is not None:
                 break
@@ -199,7 +202,7 @@ def chosen_guides(space: ConfigurationSpace, text: str) -> list[GuidingSpace]:
     """The guiding space of a name, or for `AUTO` those that fit the space, in the order in which to try them.
 
     A wave for the disc that the robot turns in has no headings to look at, so it is some ten times as fast as
-    one for the robot itself. It guides wherever it sees a way for that disc.
+    one for the robot itself. It guides where it sees a way for that disc; see `_worth`.
 
     Raises:
         UnknownNameError: No such guidance or option.
@@ -218,10 +221,17 @@ def chosen_guides(space: ConfigurationSpace, text: str) -> list[GuidingSpace]:
     return [make_guidance("wave", robot=Disc(outer=True), cells=cells), whole]
 
 
-def _sees_way(guide: GuidingSpace) -> bool:
-    """Whether a wave that has been prepared sees a free way from start to goal."""
+def _worth(guide: GuidingSpace) -> int:
+    """Samples that a wave for the disc is worth: all where it sees a way, few where it cannot see one.
+
+    It cannot where start or goal lies so near to an obstacle that the disc has no room there, which says
+    nothing of the way between.
+    """
     assert isinstance(guide, Composed) and isinstance(guide.solver, Wave)
-    return guide.solver.sees_way
+    if guide.solver.sees_way:
+        return sys.maxsize
+    space, *ends = guide.query
+    return 0 if all(space.valid(end) for end in ends) else _TIGHT
 
 
 # Tasks ------------------------------------------------------------------------------------------------------

@@ -130,13 +130,17 @@ def draw_failures(axes: Axes, tree: SearchTree) -> None:
     axes.scatter(points[:, 0], points[:, 1], s=3.0, c=PATH, alpha=0.25, linewidths=0, zorder=_FAILURES)
 
 
-def draw_path(axes: Axes, problem: Problem, path: FloatArray) -> None:
-    """The path found, with the robot along it: wide and pale, and below the tree, whose colours mean more."""
+def draw_path(axes: Axes, problem: Problem, path: FloatArray, *, alone: bool = False) -> None:
+    """The path found, with the robot along it: wide and pale, and below the tree, whose colours mean more.
+
+    Where there is no tree, it stands ``alone``: thin and strong.
+    """
+    colour, width = (PATH, 1.4) if alone else (PALE_PATH, 4.0)
     axes.plot(
-        *trace(problem.space, path).T, color=PALE_PATH, linewidth=4.0, zorder=_PATH, solid_joinstyle="round"
+        *trace(problem.space, path).T, color=colour, linewidth=width, zorder=_PATH, solid_joinstyle="round"
     )
     for q in spaced(problem, path)[1:-1]:
-        draw_robot(axes, problem, q, PALE_PATH)
+        draw_robot(axes, problem, q, colour)
 
 
 def tree_legend() -> list[Line2D]:

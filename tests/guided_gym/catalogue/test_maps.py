@@ -505,3 +505,46 @@ def test_fuzz__damaged_maps_give_one_of_our_errors(
         read_map(file, MapOptions(resolution=0.5))
     except GuidedGymError as error:
         assert file.name in str(error)
+
+
+@given(data=st.data())
+@settings(max_examples=80, deadline=None)
+def test_fuzz__damaged_scenarios_give_one_of_our_errors(
+    tmp_path_factory: pytest.TempPathFactory, data: st.DataObject
+) -> None:
+    file = tmp_path_factory.getbasetemp() / "fuzz.scen"
+    rows = ["version 1", "0\tit.map\t3\t2\t0\t0\t2\t1\t3.41421356", "1\tit.map\t3\t2\t0\t1\t2\t0\t2.8"]
+    content = bytearray("\n".join(rows).encode())
+    for _ in range(data.draw(st.integers(1, 3))):
+        first = data.draw(st.integers(0, len(content)))
+        last = min(len(content), first + data.draw(st.integers(0, 12)))
+        pieces = [b"", b"nan", b"\t", b"\n", b"-", b"9" * 5000, b"1e999", b"\xff"]
+        content[first:last] = data.draw(st.sampled_from(pieces) | st.binary(max_size=4))
+    file.write_bytes(bytes(content))
+    try:
+        read_scenario(file)
+    except GuidedGymError as error:
+        assert file.name in str(error)
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        "- " * 100_000,
+        "".join(f"{' ' * k}a:\n" for k in range(1000)),
+        "image: &a it.pgm\nresolution: *a\n",
+        "resolution: " + "9" * 900_000,
+        "image: !!python/object/apply:os.system ['touch hacked']\n",
+        "? " * 50_000,
+        "a: " + "{" * 100_000,
+    ],
+    ids=["list", "map", "reference", "number", "python", "keys", "braces"],
+)
+def test_ros__hostile_yaml_is_refused_soon(text: str, tmp_path: Path) -> None:
+    (tmp_path / "it.yaml").write_text(text)
+    began = time.process_time()
+    with pytest.raises(GuidedGymError, match=r"it\.yaml") as caught:
+        read_map(tmp_path / "it.yaml")
+    assert time.process_time() - began < 10.0
+    assert len(str(caught.value)) < 1000
+    assert sorted(file.name for file in tmp_path.iterdir()) == ["it.yaml"]
