@@ -19,7 +19,6 @@ from numpy.typing import NDArray
 from sb3_contrib import MaskablePPO
 from sb3_contrib.common.maskable.policies import MaskableMultiInputActorCriticPolicy
 from stable_baselines3 import PPO
-from stable_baselines3.common.torch_layers import BaseFeaturesExtractor
 from stable_baselines3.common.vec_env import DummyVecEnv
 from torch import Tensor, nn
 
@@ -35,12 +34,12 @@ from guided_gym.guidance.learned.field import plain_tensors as plain_field
 from guided_gym.guidance.learned.scorer import ScorerArchitecture, ScorerColumn, ScorerModel
 from guided_gym.guidance.learned.scorer import plain_tensors as plain_scorer
 from guided_gym.train import networks
+from guided_gym.train.policies import ABSENT, PerNode
 from guided_gym.train.reinforcement import Progress, ReinforcementConfig, Tensors, Trainee, train
 from guided_gym.train.specs import package_version
 
 _COLUMNS = len(ScorerColumn) + 1  # and what is taken from the score
 _MOST = 1e4  # no column of the scorer is negative, and none that large
-_ABSENT = -1e8  # logit of a node that there is not
 
 
 @dataclass(frozen=True)
@@ -149,17 +148,6 @@ class ScorerObservation(gymnasium.Wrapper[Any, Any, Any, Any]):
         return {"columns": columns.ravel(), "action_mask": self.action_masks().view(np.int8)}
 
 
-class _Table(BaseFeaturesExtractor):
-    """The observation as one flat tensor: columns, then mask."""
-
-    def __init__(self, observation_space: spaces.Dict) -> None:
-        n = int(np.prod(observation_space["action_mask"].shape or ()))
-        super().__init__(observation_space, n * (_COLUMNS + 1))
-
-    def forward(self, observations: Any) -> Tensor:
-        return torch.cat([observations["columns"], observations["action_mask"].float()], 1)
-
-
 class _ScorerAndCritic(nn.Module):
     """Logits of the nodes by the scorer; for the critic, a summary of the tree by a network of its own."""
 
@@ -172,28 +160,28 @@ class _ScorerAndCritic(nn.Module):
         self.mixed = nn.Sequential(nn.Linear(2 * h + 1, h), nn.ReLU())
         self.latent_dim_pi, self.latent_dim_vf = nodes, h
 
-    def forward(self, table: Tensor) -> tuple[Tensor, Tensor]:
-        return self.forward_actor(table), self.forward_critic(table)
+    def forward(self, observation: dict[str, Tensor]) -> tuple[Tensor, Tensor]:
+        return self.forward_actor(observation), self.forward_critic(observation)
 
-    def forward_actor(self, table: Tensor) -> Tensor:
-        columns, mask = self._split(table)
+    def forward_actor(self, observation: dict[str, Tensor]) -> Tensor:
+        columns, mask = self._split(observation)
         logits = self.scorer(columns[..., :-1], mask) - columns[..., -1]
-        return torch.where(mask, logits, torch.full_like(logits, _ABSENT))
+        return torch.where(mask, logits, torch.full_like(logits, ABSENT))
 
-    def forward_critic(self, table: Tensor) -> Tensor:
-        columns, mask = self._split(table)
+    def forward_critic(self, observation: dict[str, Tensor]) -> Tensor:
+        columns, mask = self._split(observation)
         hidden = self.node(columns) * mask[..., None]  # units are >= 0, so that zero is the least
         count = mask.sum(1, keepdim=True)
         summary = torch.cat([hidden.sum(1) / count, hidden.amax(1), torch.log(count) / 5], 1)
         out: Tensor = self.mixed(summary)
         return out
 
-    def _split(self, table: Tensor) -> tuple[Tensor, Tensor]:
-        columns = table[:, : self.nodes * _COLUMNS].reshape(-1, self.nodes, _COLUMNS)
-        return columns, table[:, self.nodes * _COLUMNS :] > 0.5
+    def _split(self, observation: dict[str, Tensor]) -> tuple[Tensor, Tensor]:
+        columns = observation["columns"].reshape(-1, self.nodes, _COLUMNS)
+        return columns, observation["action_mask"] > 0.5
 
 
-class NodeScorerPolicy(MaskableMultiInputActorCriticPolicy):
+class NodeScorerPolicy(PerNode, MaskableMultiInputActorCriticPolicy):
     """A policy of MaskablePPO over `ScorerObservation`: a logit for each node, a value for the tree.
 
     Args:
@@ -204,18 +192,12 @@ class NodeScorerPolicy(MaskableMultiInputActorCriticPolicy):
 
     def __init__(self, *arguments: Any, architecture: ScorerArchitecture, **options: Any) -> None:
         self._architecture = architecture
-        options.update(features_extractor_class=_Table, ortho_init=False)
         super().__init__(*arguments, **options)
 
-    def _build_mlp_extractor(self) -> None:
+    def network(self) -> nn.Module:
+        """The scorer, and what the critic looks at."""
         nodes = int(self.action_space.n)  # type: ignore[attr-defined]
-        self.mlp_extractor = _ScorerAndCritic(nodes, self._architecture)  # type: ignore[assignment]
-
-    def _build(self, lr_schedule: Any) -> None:
-        super()._build(lr_schedule)
-        self.action_net = nn.Identity()  # type: ignore[assignment]  # the scorer gives logits already
-        options = {"lr": lr_schedule(1), **self.optimizer_kwargs}
-        self.optimizer = self.optimizer_class(self.parameters(), **options)
+        return _ScorerAndCritic(nodes, self._architecture)
 
     @property
     def scorer(self) -> networks.NodeScorer:

@@ -7,7 +7,7 @@ import numpy.typing as npt
 
 from guided_gym.geometry.convex import Pieces
 from guided_gym.kernels.collision import ENTRY, TABLE, Geometry
-from guided_gym.kernels.packing import BASE, TOOL, bounding_boxes, box_tree, pack_linkage, pack_pieces
+from guided_gym.kernels.packing import BASE, FEW, TOOL, bounding_boxes, box_tree, pack_linkage, pack_pieces
 
 FloatArray = npt.NDArray[np.float64]
 IntArray = npt.NDArray[np.int64]
@@ -40,16 +40,18 @@ def pack(robot: Pieces, obstacles: Pieces, bounds: Bounds, tolerance: float) -> 
     origin = local_origin(bounds)
     vertices = obstacles.vertices - origin if any(origin) else obstacles.vertices
     boxes = bounding_boxes(vertices, obstacles.ends)
-    order, nodes, rows = box_tree(boxes)
-    if len(rows):
+    ends, nodes, rows = obstacles.ends, np.empty((0, 4)), np.empty((0, 3), dtype=np.int64)
+    if len(boxes) > FEW:
+        order, nodes, rows = box_tree(boxes)
         vertices, ends = Pieces(vertices, obstacles.ends).taken(order)
         boxes = boxes[order]
-    else:
-        ends = obstacles.ends
     radius = float(np.hypot(*robot.vertices.T).max())
     header = np.array([tolerance, 1.001 * tolerance, radius, *origin])
     sides = np.array(bounds) - [*origin, *origin]
-    return pack_pieces(header, sides, robot.vertices, robot.ends, vertices, ends, boxes, nodes, rows)
+    numbers, index = pack_pieces(
+        header, sides, robot.vertices, robot.ends, vertices, ends, boxes, nodes, rows
+    )
+    return numbers.copy(), index  # without the room that was left
 
 
 def with_linkage(

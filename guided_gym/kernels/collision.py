@@ -40,6 +40,7 @@ import numpy.typing as npt
 from numba import njit
 
 from guided_gym.kernels.foreign import CLEARANCE, FRACTION, POSE_FREE, TOOL_X, TOOL_Y, WHOLE, call
+from guided_gym.kernels.plain import NO, YES, ZERO
 
 FloatArray = npt.NDArray[np.float64]
 IntArray = npt.NDArray[np.int64]
@@ -220,7 +221,7 @@ def _pose_free(numbers: FloatArray, index: IntArray, x: float, y: float, theta: 
     rows = HEADER + ROW * n_robot
     c, s, turned = 1.0, 0.0, theta == 0.0
     end = _pieces_met(numbers, index, x - reach, y - reach, x + reach, y + reach)
-    node = 0
+    node = int(ZERO)
     while node >= 0:
         first, last, at = index[6], end, -1
         if node < index[3]:
@@ -523,7 +524,7 @@ def _motion_fraction(
     ymin, ymax = min(y, y + dy) - reach, max(y, y + dy) + reach
     end = _pieces_met(numbers, index, xmin, ymin, xmax, ymax)
     fraction = 1.0
-    node = 0
+    node = int(ZERO)
     while node >= 0:
         first, last, at = index[6], end, -1
         if node < index[3]:
@@ -578,7 +579,7 @@ def motion_fraction(a: FloatArray, b: FloatArray, geometry: Geometry) -> float:
         return call(geometry[1][ENTRY], FRACTION, a, b, geometry[0], geometry[1])
     theta = a[2] if a.shape[0] > 2 else 0.0
     return _motion_fraction(
-        geometry[0], geometry[1], a[0], a[1], theta, b[0] - a[0], b[1] - a[1], _turn(a, b), False
+        geometry[0], geometry[1], a[0], a[1], theta, b[0] - a[0], b[1] - a[1], _turn(a, b), bool(NO)
     )
 
 
@@ -596,7 +597,7 @@ def motion_free(a: FloatArray, b: FloatArray, geometry: Geometry) -> bool:
     theta = a[2] if a.shape[0] > 2 else 0.0
     return (
         _motion_fraction(
-            geometry[0], geometry[1], a[0], a[1], theta, b[0] - a[0], b[1] - a[1], _turn(a, b), True
+            geometry[0], geometry[1], a[0], a[1], theta, b[0] - a[0], b[1] - a[1], _turn(a, b), bool(YES)
         )
         == 1.0
     )

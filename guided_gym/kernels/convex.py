@@ -12,6 +12,8 @@ import numpy as np
 import numpy.typing as npt
 from numba import njit
 
+from guided_gym.kernels.plain import ZERO
+
 FloatArray = npt.NDArray[np.float64]
 IntArray = npt.NDArray[np.int64]
 BoolArray = npt.NDArray[np.bool_]
@@ -40,12 +42,12 @@ def _emit(xy: FloatArray, ring: IntArray, n: int, out: FloatArray, at: int) -> i
         if abs(_corner_sine(xy, ring[k - 1 if k else n - 1], ring[k], ring[k + 1 if k + 1 < n else 0])) > (
             COLLINEAR
         ):
-            out[m] = xy[ring[k]]
+            out[m, 0], out[m, 1] = xy[ring[k], 0], xy[ring[k], 1]
             m += 1
     if m - at >= 3:
         return m - at
     for k in range(n):
-        out[at + k] = xy[ring[k]]
+        out[at + k, 0], out[at + k, 1] = xy[ring[k], 0], xy[ring[k], 1]
     return n
 
 
@@ -71,7 +73,8 @@ def convex_rings(xy: FloatArray, ends: IntArray) -> tuple[FloatArray, IntArray]:
         (m, 2) vertices of the convex rings, and (r,) how many of them belong to each ring; 0 if not convex.
     """
     out, sizes = np.empty_like(xy), np.zeros(ends.size, dtype=np.int64)
-    ring, at, first = np.empty(xy.shape[0], dtype=np.int64), 0, 0
+    ring = np.empty(xy.shape[0], dtype=np.int64)
+    at, first = int(ZERO), int(ZERO)
     for i in range(ends.size):
         n = 0
         for k in range(first, ends[i] - 1):
@@ -87,7 +90,9 @@ def convex_rings(xy: FloatArray, ends: IntArray) -> tuple[FloatArray, IntArray]:
             ux, uy = out[k, 0] - out[at, 0], out[k, 1] - out[at, 1]
             area += ux * (out[k + 1, 1] - out[at, 1]) - uy * (out[k + 1, 0] - out[at, 0])
         if not area > 0.0:
-            out[at : at + n] = out[at : at + n][::-1].copy()
+            for k in range(n // 2):
+                for c in range(2):
+                    out[at + k, c], out[at + n - 1 - k, c] = out[at + n - 1 - k, c], out[at + k, c]
         if _turns_left(out, at, n):
             sizes[i] = n
             at += n

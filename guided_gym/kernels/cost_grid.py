@@ -21,6 +21,7 @@ from guided_gym.kernels.collision import (
     _motion_fraction,
 )
 from guided_gym.kernels.eikonal import LINK_THETA, LINK_X, LINK_Y, PAD, IndexArray, LinkArray
+from guided_gym.kernels.plain import ONE, YES, ZERO
 
 FloatArray = npt.NDArray[np.float64]
 
@@ -176,7 +177,7 @@ def _cut_turns(
     frame: FloatArray, links: LinkArray, planes: FloatArray, count: int, column: int, k: int
 ) -> None:
     """Clear LINK_THETA at the vertices of one column in a region."""
-    low, high = _span(planes, count, 1, frame[ORIGIN_X] + column * frame[STEP_X])
+    low, high = _span(planes, count, int(ONE), frame[ORIGIN_X] + column * frame[STEP_X])
     first, end = _lines(low, high, frame[ORIGIN_Y], frame[STEP_Y], int(frame[COUNT_Y]))
     nt = int(frame[COUNT_THETA])
     origin = ((column + PAD) * (int(frame[COUNT_Y]) + 2 * PAD) + PAD) * nt + k
@@ -237,9 +238,9 @@ def draw_obstacles(geometry: Geometry, frame: FloatArray) -> tuple[LinkArray, Li
             for k in range(nt):
                 count = _blocked_region(geometry, r, o, k * frame[STEP_THETA], 0.0, planes)
                 for i in range(left, right):
-                    _cut(frame, links, denied, planes, count, 1, i, k)
+                    _cut(frame, links, denied, planes, count, int(ONE), i, k)
                 for j in range(low, high):
-                    _cut(frame, links, denied, planes, count, 0, j, k)
+                    _cut(frame, links, denied, planes, count, int(ZERO), j, k)
                 if nt > 1:
                     count = _blocked_region(geometry, r, o, (k + 0.5) * frame[STEP_THETA], growth, planes)
                     for i in range(left, right):
@@ -313,17 +314,17 @@ def _certify_turns(
         free, beyond = links[v] & VALID, links[w] & VALID
         if free and beyond:
             if not links[v] & LINK_THETA and (
-                _motion_fraction(numbers, index, x, y, k * turn, 0.0, 0.0, turn, True) == 1.0
+                _motion_fraction(numbers, index, x, y, k * turn, 0.0, 0.0, turn, bool(YES)) == 1.0
             ):
                 links[v] |= np.uint8(LINK_THETA)
             continue
         links[v] &= ~np.uint8(LINK_THETA)
         if free:
-            if _motion_fraction(numbers, index, x, y, k * turn, 0.0, 0.0, LENT * turn, True) == 1.0:
+            if _motion_fraction(numbers, index, x, y, k * turn, 0.0, 0.0, LENT * turn, bool(YES)) == 1.0:
                 claims[w] |= np.uint8(1 << 4)
         elif beyond:
             angle = (k + 1) * turn
-            if _motion_fraction(numbers, index, x, y, angle, 0.0, 0.0, -LENT * turn, True) == 1.0:
+            if _motion_fraction(numbers, index, x, y, angle, 0.0, 0.0, -LENT * turn, bool(YES)) == 1.0:
                 claims[v] |= np.uint8(1 << 5)
 
 
@@ -354,7 +355,7 @@ def round_boundary(frame: FloatArray, links: LinkArray, claims: LinkArray, claim
     for n in range(claimed.size):
         w = claimed[n]
         for a in range(axes):
-            shared = claims[w] & claims[along(frame, w, a, 1)]
+            shared = claims[w] & claims[along(frame, w, a, int(ONE))]
             for t in range(2 * axes):
                 claimant = along(frame, w, t >> 1, 2 * (t & 1) - 1)
                 # Two lent vertices are linked where that closes a square over a certified link.
@@ -366,7 +367,7 @@ def round_boundary(frame: FloatArray, links: LinkArray, claims: LinkArray, claim
             links[w] |= LINK_THETA
         for t in range(2 * axes):
             if claims[w] & (1 << t):
-                links[w if t & 1 else along(frame, w, t >> 1, -1)] |= 1 << (t >> 1)
+                links[w if t & 1 else along(frame, w, t >> 1, int(-ONE))] |= 1 << (t >> 1)
 
 
 @njit(cache=True)
@@ -421,7 +422,7 @@ def seed_goal(geometry: Geometry, frame: FloatArray, links: LinkArray) -> tuple[
                 if d > sight or not links[v] & VALID:
                     continue
                 x, y = frame[ORIGIN_X] + i * hx, frame[ORIGIN_Y] + j * hy
-                if _motion_fraction(geometry[0], geometry[1], x, y, k * ht, dx, dy, turn, True) == 1.0:
+                if _motion_fraction(geometry[0], geometry[1], x, y, k * ht, dx, dy, turn, bool(YES)) == 1.0:
                     links[v] |= SEES_GOAL
                     seeds[found], values[found] = v, d
                     found += 1

@@ -34,6 +34,7 @@ from guided_gym.kernels.cost_grid import (
     wrapped,
 )
 from guided_gym.kernels.eikonal import LINK_THETA, LINK_X, LINK_Y, PAD, FieldArray, LinkArray
+from guided_gym.kernels.plain import NO, ONE, YES
 
 FloatArray = npt.NDArray[np.float64]
 OracleState = tuple[FieldArray, LinkArray, FloatArray, Geometry]
@@ -149,7 +150,7 @@ def _beside_obstacles(
                 if costs[n] == np.inf:
                     break
                 t = targets[n]
-                if _motion_fraction(numbers, index, x, y, theta, t[0], t[1], t[2], True) < 1.0:
+                if _motion_fraction(numbers, index, x, y, theta, t[0], t[1], t[2], bool(YES)) < 1.0:
                     costs[n] = np.inf
                     continue
                 u = costs[n]
@@ -161,9 +162,10 @@ def _beside_obstacles(
         for side in range(6 if frame[COUNT_THETA] > 1.0 else 4):
             t = np.zeros(3)
             t[side >> 1] = (1 - 2 * (side & 1)) * frame[STEP_X + (side >> 1)]
-            part = _motion_fraction(numbers, index, x, y, theta, t[0], t[1], t[2], False)
+            part = _motion_fraction(numbers, index, x, y, theta, t[0], t[1], t[2], bool(NO))
             # Half of what is free leaves room on both sides.
-            t *= part if part == 1.0 else 0.5 * part
+            part = part if part == 1.0 else 0.5 * part
+            t[0], t[1], t[2] = t[0] * part, t[1] * part, t[2] * part
             length = math.sqrt(t[0] * t[0] + t[1] * t[1] + (frame[WEIGHT] * t[2]) ** 2)
             if length > best_length:
                 best, best_length = t, length
@@ -243,7 +245,9 @@ def _blend(
             u += offset[axis] * _slope(field, links, frame, v, axis)
         summed += share * u
         total += share
-        apart = _length(frame, offset * frame[STEP_X : STEP_X + 3])
+        for axis in range(3):
+            offset[axis] *= frame[STEP_X + axis]
+        apart = _length(frame, offset)
         lowest, highest = max(lowest, field[v] - apart), min(highest, field[v] + apart)
     return min(max(summed / total, lowest), highest)
 
@@ -251,7 +255,7 @@ def _blend(
 @njit(cache=True)
 def _slope(field: FieldArray, links: LinkArray, frame: FloatArray, v: int, axis: int) -> float:
     """Upwind difference of the field at v along one axis, per link."""
-    lo, hi = along(frame, v, axis, -1), along(frame, v, axis, 1)
+    lo, hi = along(frame, v, axis, int(-ONE)), along(frame, v, axis, int(ONE))
     below = field[lo] if links[lo] & (1 << axis) else np.float32(np.inf)
     above = field[hi] if links[v] & (1 << axis) else np.float32(np.inf)
     if below <= above:

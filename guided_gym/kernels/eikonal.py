@@ -91,10 +91,10 @@ def _offer(
     weights: tuple[float, float, float],
 ) -> float:
     """The value that the accepted neighbours of v give it."""
-    near, far = _upwind(field, links, v, v - stride, v - 2 * stride, v + stride, v + 2 * stride, LINK_X)
+    near, far = _upwind(field, links, v, v - stride, v - 2 * stride, v + stride, v + 2 * stride, int(LINK_X))
     w0, a0 = _term(near, far, weights[0])
     row = n_angles
-    near, far = _upwind(field, links, v, v - row, v - 2 * row, v + row, v + 2 * row, LINK_Y)
+    near, far = _upwind(field, links, v, v - row, v - 2 * row, v + row, v + 2 * row, int(LINK_Y))
     w1, a1 = _term(near, far, weights[1])
     w2, a2 = 1.0, np.inf
     if n_angles > 1:
@@ -105,7 +105,7 @@ def _offer(
             lo2 += n_angles if k < 2 else 0
             hi -= n_angles if k >= n_angles - 1 else 0
             hi2 -= n_angles if k >= n_angles - 2 else 0
-        near, far = _upwind(field, links, v, lo, lo2, hi, hi2, LINK_THETA)
+        near, far = _upwind(field, links, v, lo, lo2, hi, hi2, int(LINK_THETA))
         w2, a2 = _term(near, far, weights[2])
     return _smallest_consistent(w0, a0, w1, a1, w2, a2)
 

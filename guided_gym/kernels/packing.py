@@ -13,13 +13,14 @@ import numpy.typing as npt
 from numba import njit
 
 from guided_gym.kernels.collision import ENTRY, HEADER, NUMBERS, ROW, TABLE
+from guided_gym.kernels.plain import NO, YES, ZERO
 
 FloatArray = npt.NDArray[np.float64]
 IntArray = npt.NDArray[np.int64]
 
 RUN = 8
 """Most pieces of a leaf of the tree."""
-_FEW = 64
+FEW = 64
 """Up to so many pieces, looking at all their boxes is as fast as a tree."""
 _SHARP = math.cos(math.radians(91.0))
 """Cosine between the axes of two edges below which the corner between them is sharper than 89 degrees."""
@@ -73,7 +74,7 @@ def _halve(order: IntArray, centres: FloatArray, first: int, last: int) -> int:
 
 @njit(cache=True)
 def box_tree(boxes: FloatArray) -> tuple[IntArray, FloatArray, IntArray]:
-    """A binary tree over boxes, in preorder, cut again and again at the median; empty for a few boxes.
+    """A binary tree over boxes, in preorder, cut again and again at the median.
 
     Args:
         boxes: (p, 4) bounding boxes of the pieces.
@@ -84,8 +85,6 @@ def box_tree(boxes: FloatArray) -> tuple[IntArray, FloatArray, IntArray]:
     """
     p = boxes.shape[0]
     order = np.arange(p)
-    if p <= _FEW:
-        return order, np.empty((0, 4)), np.empty((0, 3), dtype=np.int64)
     centres = 0.5 * (boxes[:, :2] + boxes[:, 2:])
     most = 2 * p // ((RUN + 1) // 2)
     nodes, rows, n = np.empty((most, 4)), np.zeros((most, 3), dtype=np.int64), 0
@@ -108,6 +107,16 @@ def box_tree(boxes: FloatArray) -> tuple[IntArray, FloatArray, IntArray]:
         # The right half begins where the left one ends, and ends where the whole does.
         rows[at, 0] = at + 1 if rows[at, 2] > 0 else rows[rows[at + 1, 0], 0]
     return order, nodes[:n].copy(), rows[:n].copy()
+
+
+@njit(cache=True)
+def _put_boxes(boxes: FloatArray, numbers: FloatArray, at: int) -> int:
+    """Write boxes one after the other; return where they end."""
+    for i in range(boxes.shape[0]):
+        for k in range(4):
+            numbers[at + k] = boxes[i, k]
+        at += 4
+    return at
 
 
 @njit(cache=True)
@@ -138,33 +147,35 @@ def pack_pieces(
     r, p, m = robot_ends.size, obstacle_ends.size + 4, rows.shape[0]
     numbers = np.empty(NUMBERS + 6 * robot.shape[0] + 5 * obstacles.shape[0] + 12 + 4 * (p + m))
     index = np.empty(HEADER + ROW * (r + p) + 3 * m, dtype=np.int64)
-    numbers[:NUMBERS] = header
-    at, row, first = NUMBERS, HEADER, 0
+    for k in range(NUMBERS):
+        numbers[k] = header[k]
+    at, row, first = int(NUMBERS), int(HEADER), int(ZERO)
     for i in range(r):
-        at = _put_piece(robot, first, robot_ends[i], True, numbers, at, index, row)
+        at = _put_piece(robot, first, robot_ends[i], bool(YES), numbers, at, index, row)
         row, first = row + ROW, robot_ends[i]
-    first = 0
+    first = int(ZERO)
     for i in range(p - 4):
-        at = _put_piece(obstacles, first, obstacle_ends[i], False, numbers, at, index, row)
+        at = _put_piece(obstacles, first, obstacle_ends[i], bool(NO), numbers, at, index, row)
         row, first = row + ROW, obstacle_ends[i]
     for k in _SIDES:
         index[row], index[row + 1], index[row + 2], index[row + 3], index[row + 4] = at, 0, at, 1, 0
         inward = 1.0 if k < 2 else -1.0
-        numbers[at : at + 2] = 0.0
+        numbers[at], numbers[at + 1] = 0.0, 0.0
         numbers[at + k % 2], numbers[at + 2] = inward, inward * bounds[k]
         at, row = at + 3, row + ROW
     index[0], index[1], index[2], index[3], index[4] = r, p, at, m, row
     index[5], index[6] = at + 4 * p, p - 4 if m > 0 else 0
     index[ENTRY] = index[TABLE] = 0
-    numbers[at : at + 4 * p - 16] = boxes.ravel()
-    at += 4 * p - 16
+    at = _put_boxes(boxes, numbers, at)
     for k in _SIDES:
-        numbers[at : at + 2], numbers[at + 2 : at + 4] = -np.inf, np.inf
+        numbers[at], numbers[at + 1], numbers[at + 2], numbers[at + 3] = -np.inf, -np.inf, np.inf, np.inf
         numbers[at + (k + 2) % 4] = bounds[k]
         at += 4
-    numbers[at : at + 4 * m] = nodes.ravel()
-    index[row : row + 3 * m] = rows.ravel()
-    return numbers[: at + 4 * m].copy(), index
+    at = _put_boxes(nodes, numbers, at)
+    for i in range(m):
+        for k in range(3):
+            index[row + 3 * i + k] = rows[i, k]
+    return numbers[:at], index
 
 
 JOINTS, BODIES, PAIRS, BASE, JOINT_NUMBERS, BODY_NUMBERS, LIMITS, OWN_ROWS, TOOL, TOOL_NUMBERS = range(10)
@@ -237,7 +248,7 @@ def pack_linkage(
         xy = np.empty((index[own + 1], 2))
         for k in range(index[own + 1]):
             xy[k] = numbers[index[own] + 3 * k : index[own] + 3 * k + 2]
-        at = _put_piece(xy, 0, index[own + 1], False, room, at, rows, row)
+        at = _put_piece(xy, int(ZERO), index[own + 1], bool(NO), room, at, rows, row)
         row += ROW
     return room[:at].copy(), rows
 

@@ -77,3 +77,43 @@ def test_the_best_policy_of_each_reward():
     assert short < 0.01 and abs(samples - 36.0) < 0.2
     assert efficiency > rows["efficiency", 0.001][2]
     assert rows["regret + sample", 0.001] == rows["sample", 0.001]
+
+
+def test_a_clone_of_recorded_episodes_by_the_policy_that_reads_nodes():
+    pytest.importorskip("sb3_contrib")
+    options = ["--episodes", "1", "--epochs", "1", "--teacher", "goal_distance", "--tests", "2"]
+    lines = run("node_policy.py", "clone", *options).splitlines()
+    assert [line.split(":")[0].split(",")[0] for line in lines] == ["rrt", "clone of goal_distance"]
+
+
+LIBRARIES = {
+    "rllib_ppo.py": ("ray.rllib", ["--iterations", "1", "--runners", "1"]),
+    "torchrl_masked.py": ("torchrl", ["--steps", "20"]),
+    "tianshou_dqn.py": ("tianshou", ["--steps", "40"]),
+    "skrl_ppo.py": ("skrl", ["--steps", "40"]),
+    "minari_dataset.py": ("minari", ["--episodes", "1"]),
+    "torch_geometric_batch.py": ("torch_geometric", []),
+}
+
+
+@pytest.mark.parametrize("name", LIBRARIES)
+def test_examples_of_libraries_that_are_installed(name, tmp_path, monkeypatch):
+    package, options = LIBRARIES[name]
+    pytest.importorskip(package, exc_type=ImportError)
+    monkeypatch.setenv("MINARI_DATASETS_PATH", str(tmp_path))
+    assert run(f"libraries/{name}", *options)
+
+
+def test_hyperparameters_for_rl_zoo3_are_those_of_known_ids_and_policies():
+    yaml = pytest.importorskip("yaml")
+    pytest.importorskip("sb3_contrib")
+    from stable_baselines3 import PPO
+
+    import guided_gym.train.policies  # noqa: F401
+    from guided_gym.registration import ENVIRONMENTS, SELECTIONS
+
+    settings = yaml.safe_load((EXAMPLES / "libraries" / "rl_zoo3.yml").read_text())
+    for name, options in settings.items():
+        assert name in {**ENVIRONMENTS, **SELECTIONS}
+        assert options["policy"] in PPO.policy_aliases
+        assert options["n_envs"] * options["n_steps"] % options["batch_size"] == 0
