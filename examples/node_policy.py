@@ -184,7 +184,7 @@ def main() -> None:
     parser.add_argument("--ray", action="store_true", help="each seed as a Ray task")
     parser.add_argument("--teacher", default="wavefront")
     parser.add_argument("--episodes", type=int, default=40)
-    parser.add_argument("--epochs", type=int, default=10)
+    parser.add_argument("--epochs", type=int, default=40)
     parser.add_argument("--json", type=Path, help="write the figures to this file")
     parser.add_argument("--figure", type=Path, help="draw the curves of `scratch` into this PNG file")
     options = parser.parse_args()
