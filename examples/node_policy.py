@@ -19,6 +19,7 @@ from typing import Any
 import gymnasium
 import numpy as np
 import torch
+from matplotlib.figure import Figure
 from sb3_contrib import MaskablePPO
 from stable_baselines3.common.callbacks import BaseCallback
 from stable_baselines3.common.env_util import make_vec_env
@@ -150,25 +151,17 @@ def population(seeds: list[int], on_ray: bool, *settings: int) -> list[dict[str,
 
 def drawn(runs: list[dict[str, Any]], rrt: dict[str, float], file: Path) -> None:
     """The curves of the runs beside rrt, as a picture."""
-    from guided_gym.train.style import INK, MUTED, label_of, new_figure, save, styled
-
-    @styled
-    def draw() -> None:
-        figure = new_figure(6.3, 2.3)
-        parts = (("solved", "solved (%)", 100.0), ("samples", "samples a search", 1.0))
-        for axes, (key, label, unit) in zip(figure.subplots(1, 2), parts, strict=True):
-            for run, dash in zip(runs, ("-", "--", ":", "-.") * len(runs), strict=False):
-                steps = [p["steps"] / 1000 for p in run["curve"]]
-                values = [unit * p[key] for p in run["curve"]]
-                axes.plot(
-                    steps, values, dash, color=INK, marker="o", markersize=2.2, label=f"seed {run['seed']}"
-                )
-            axes.axhline(unit * rrt[key], color=MUTED, linewidth=1.0, label=label_of("rrt"))
-            axes.set(xlabel="samples learned from (thousands)", ylabel=label, ylim=(0, None))
-        axes.legend(loc="lower left")
-        save(figure, file, formats=("png",))
-
-    draw()
+    figure = Figure(figsize=(6.3, 2.3), layout="constrained")
+    parts = (("solved", "solved (%)", 100.0), ("samples", "samples a search", 1.0))
+    for axes, (key, label, unit) in zip(figure.subplots(1, 2), parts, strict=True):
+        for run, dash in zip(runs, ("-", "--", ":", "-.") * len(runs), strict=False):
+            steps = [p["steps"] / 1000 for p in run["curve"]]
+            values = [unit * p[key] for p in run["curve"]]
+            axes.plot(steps, values, f"k{dash}", marker="o", markersize=2.2, label=f"seed {run['seed']}")
+        axes.axhline(unit * rrt[key], color="gray", label="RRT")
+        axes.set(xlabel="samples learned from (thousands)", ylabel=label, ylim=(0, None))
+    axes.legend(loc="lower left", frameon=False)
+    figure.savefig(file, dpi=200, metadata={"Software": None})
 
 
 def main() -> None:
