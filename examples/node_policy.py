@@ -151,7 +151,7 @@ def population(seeds: list[int], on_ray: bool, *settings: int) -> list[dict[str,
 
 def drawn(runs: list[dict[str, Any]], rrt: dict[str, float], file: Path) -> None:
     """The curves of the runs beside rrt, as a picture."""
-    figure = Figure(figsize=(6.3, 2.3), layout="constrained")
+    figure = Figure(figsize=(7.5, 2.8), layout="constrained")
     parts = (("solved", "solved (%)", 100.0), ("samples", "samples a search", 1.0))
     for axes, (key, label, unit) in zip(figure.subplots(1, 2), parts, strict=True):
         for run, dash in zip(runs, ("-", "--", ":", "-.") * len(runs), strict=False):
@@ -160,7 +160,7 @@ def drawn(runs: list[dict[str, Any]], rrt: dict[str, float], file: Path) -> None
             axes.plot(steps, values, f"k{dash}", marker="o", markersize=2.2, label=f"seed {run['seed']}")
         axes.axhline(unit * rrt[key], color="gray", label="RRT")
         axes.set(xlabel="samples learned from (thousands)", ylabel=label, ylim=(0, None))
-    axes.legend(loc="lower left", frameon=False)
+    axes.legend(loc="lower left", fontsize=7, frameon=False)
     figure.savefig(file, dpi=200, metadata={"Software": None})
 
 
