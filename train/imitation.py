@@ -467,8 +467,9 @@ class _Example:
     def __init__(self, lesson: Lesson, model: FieldModel, headings: int) -> None:
         self._lesson, self._headings = lesson, headings
         self._side = lesson.grid.side
-        self.arrival, free = model.arrival(lesson.grid, lesson.frame)
-        signed = np.where(free, self.arrival, -self.arrival)
+        found = model.begin(lesson.grid, lesson.frame[fields.GOAL :])
+        self.arrival = model.arrival(found)
+        signed = np.where(found.seems > 0, self.arrival, -self.arrival)
         places, shares = fields.corners(lesson.poses, signed, lesson.frame)
         spoken = shares.sum(axis=1) > 0
         field = CostField(lesson.frame, signed)

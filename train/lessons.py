@@ -78,8 +78,8 @@ class Lesson:
         values = (
             self.grid.room.astype(np.float16),
             self.grid.workspace.astype(np.float16),
-            self.grid.distances.astype(np.float16),
-            self.grid.body,
+            self.grid.ground.distances.astype(np.float16),
+            self.grid.ground.body,
             self.frame,
             self.poses,
             self.costs,
@@ -92,9 +92,8 @@ class Lesson:
     def from_arrays(cls, arrays: dict[str, NDArray[Any]]) -> Lesson:
         """The lesson that `arrays` was taken from, its rooms rounded to half precision."""
         room, workspace, distances, body, frame, *rest = (arrays[name] for name in _ARRAYS)
-        side = float(frame[fields.CELL] * len(room))
         room, workspace, distances = (half.astype(np.float32) for half in (room, workspace, distances))
-        grid = PoseGrid(frame, side, room, workspace, distances, body)
+        grid = PoseGrid.known(frame, room, workspace, distances, body)
         return cls(grid, frame, *rest)
 
 

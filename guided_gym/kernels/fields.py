@@ -8,7 +8,7 @@ float64 array of `FRAME` entries below. No pose is checked for collision here: a
 from __future__ import annotations
 
 import math
-from typing import Any, Final, NamedTuple
+from typing import Final, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
@@ -21,7 +21,6 @@ Field = npt.NDArray[np.float32]
 IntArray = npt.NDArray[np.int64]
 BoolArray = npt.NDArray[np.bool_]
 Links = npt.NDArray[np.uint8]
-Int32s = npt.NDArray[np.int32]
 
 ORIGIN_X: Final = 0  # centre of the cell in row 0 and column 0
 ORIGIN_Y: Final = 1
@@ -35,8 +34,6 @@ FINE: Final = 4  # samples of the distance along a cell's side
 CLIP: Final = 2.0  # cells of room; more is as good
 LEAST: Final = -2.0  # cells of room; less is as bad
 _AT_GOAL = 4.0  # cells
-_UNTIDY = 0.25  # of the way between two poses: what a bucket of arrivals spans
-_MOST_BUCKETS = 1 << 15
 _SLACK = 0.25  # cells by which bilinear rooms may be wrong
 _SURE = 0.1  # cells of room that a pose lacks which is surely blocked
 _NEAR = 2.0  # cells from which the goal is looked for itself
@@ -96,34 +93,154 @@ def _near(
     return count
 
 
-@njit(cache=True)
-def signed_distances(edges: FloatArray, bounds: FloatArray, frame: FloatArray, n: int) -> Field:
-    """Distance to the nearest obstacle or bound, in cells, negative inside or outside: (n * FINE, n * FINE).
+class Ground(NamedTuple):
+    """The workspace and a robot's room in it, looked at where it is asked for.
 
-    Each cell has FINE x FINE samples, at the middles of its equal parts.
-
-    Args:
+    Attributes:
         edges: (e, 4) edges x0, y0, x1, y1 of the obstacles' union, in any order.
         bounds: (4,) xmin, ymin, xmax, ymax.
         frame: Where the cells lie.
-        n: Cells along each side.
+        distances: (n * FINE, n * FINE) distance to the nearest obstacle or bound, in cells, negative inside
+            or outside: each cell has FINE x FINE samples, at the middles of its equal parts. Only its sign
+            counts in blocks that have not been looked at.
+        seen: (b, b) which blocks of cells have been.
+        body: (k, 3) discs x, y, radius in the body frame that fill the robot, in cells.
+        radius: (1,) circumradius of the robot, in cells.
+        room: (n, n, T) room of the robot in cells, as far as the samples tell: the least distance less radius
+            over the discs; negative where it overlaps, NaN in blocks that have not been looked at.
+        looked: (b, b) which blocks have been.
     """
-    cell = frame[CELL]
-    out = _signs(edges, frame, n)
-    count = edges.shape[0]
-    every, block, few = np.arange(count), np.empty(count, np.int64), np.empty(count, np.int64)
-    room = np.empty(count)
+
+    edges: FloatArray
+    bounds: FloatArray
+    frame: FloatArray
+    distances: Field
+    seen: BoolArray
+    body: FloatArray
+    radius: FloatArray
+    room: Field
+    looked: BoolArray
+
+
+@njit(cache=True)
+def unseen(
+    edges: FloatArray,
+    bounds: FloatArray,
+    frame: FloatArray,
+    n: int,
+    turns: int,
+    body: FloatArray,
+    radius: float,
+) -> Ground:
+    """The ground of n x n cells and ``turns`` headings, of which only the signs are known; see `Ground`."""
+    blocks = (n + _BLOCK - 1) // _BLOCK
+    return Ground(
+        edges,
+        bounds,
+        frame,
+        _signs(edges, frame, n),
+        np.zeros((blocks, blocks), np.bool_),
+        body,
+        np.array([radius]),
+        np.full((n, n, turns), np.float32(np.nan)),
+        np.zeros((blocks, blocks), np.bool_),
+    )
+
+
+@njit(cache=True)
+def look(ground: Ground, r: int, c: int) -> None:
+    """Find the room at all headings of a cell, and of those in its block, unless it is known."""
+    if ground.looked[r // _BLOCK, c // _BLOCK]:
+        return
+    ground.looked[r // _BLOCK, c // _BLOCK] = True
+    n, wide = ground.room.shape[0], int(ground.radius[0]) + 2
+    r0, c0 = r // _BLOCK * _BLOCK, c // _BLOCK * _BLOCK
+    for i in range(max(r0 - wide, 0) // _BLOCK, min(r0 + _BLOCK - 1 + wide, n - 1) // _BLOCK + 1):
+        for j in range(max(c0 - wide, 0) // _BLOCK, min(c0 + _BLOCK - 1 + wide, n - 1) // _BLOCK + 1):
+            if not ground.seen[i, j]:
+                ground.seen[i, j] = True
+                _sample_block(ground, i * _BLOCK, j * _BLOCK)
+    _measure_block(ground.distances, ground.body, r0, c0, wide, ground.room)
+
+
+@njit(cache=True)
+def look_everywhere(ground: Ground) -> None:
+    """Find all distances and rooms."""
+    for r in range(0, ground.room.shape[0], _BLOCK):
+        for c in range(0, ground.room.shape[0], _BLOCK):
+            look(ground, r, c)
+
+
+@njit(cache=True)
+def look_around(ground: Ground, places: IntArray) -> None:
+    """Find the room at the cells of flat places (m,) of the grid."""
+    n, turns = ground.room.shape[0], ground.room.shape[2]
+    for place in places:
+        look(ground, place // (turns * n), place // turns % n)
+
+
+@njit(cache=True)
+def _measure_block(distances: Field, body: FloatArray, r0: int, c0: int, wide: int, room: Field) -> None:
+    """Enter the room at the poses of a block: the least distance less radius over the discs of the body.
+
+    A disc lies at the same place between samples in every cell: the samples are taken apart by their place in
+    a cell, so that a block is one sum. Beyond the samples counts the value at the rim less the way to it.
+    """
+    m, n, turns, side = distances.shape[0], room.shape[0], room.shape[2], _BLOCK + 2 * wide
+    planes = np.empty((FINE, FINE, side, side), np.float32)
+    for r in range(side * FINE):
+        j = min(max(r + (r0 - wide) * FINE, 0), m - 1)
+        for c in range(side * FINE):
+            i = min(max(c + (c0 - wide) * FINE, 0), m - 1)
+            way = (abs(r + (r0 - wide) * FINE - j) + abs(c + (c0 - wide) * FINE - i)) / FINE
+            planes[r % FINE, c % FINE, r // FINE, c // FINE] = distances[j, i] - np.float32(way)
+    least = np.empty((_BLOCK, _BLOCK), np.float32)
+    for t in range(turns):
+        cos, sin = math.cos(2.0 * math.pi * t / turns), math.sin(2.0 * math.pi * t / turns)
+        least[:] = np.inf
+        for p in range(body.shape[0]):
+            x = (cos * body[p, 0] - sin * body[p, 1] + 0.5 + wide) * FINE - 0.5
+            y = (sin * body[p, 0] + cos * body[p, 1] + 0.5 + wide) * FINE - 0.5
+            _lower(least, planes, int(x), int(y), x - int(x), y - int(y), body[p, 2])
+        for r in range(min(_BLOCK, n - r0)):
+            for c in range(min(_BLOCK, n - c0)):
+                room[r0 + r, c0 + c, t] = least[r, c]
+
+
+@njit(cache=True)
+def _lower(least: Field, planes: Field, i: int, j: int, right: float, up: float, radius: float) -> None:
+    """Lower the rooms of a block to what four samples each, mixed, less a radius, come to."""
+    fx, fy, less = np.float32(right), np.float32(up), np.float32(radius)
+    a, b, c0, c1 = i % FINE, (i + 1) % FINE, i // FINE, (i + 1) // FINE
+    low, high = planes[j % FINE], planes[(j + 1) % FINE]
+    for r in range(_BLOCK):
+        low0, low1 = low[a, r + j // FINE, c0 : c0 + _BLOCK], low[b, r + j // FINE, c1 : c1 + _BLOCK]
+        high0, high1 = (
+            high[a, r + (j + 1) // FINE, c0 : c0 + _BLOCK],
+            high[b, r + (j + 1) // FINE, c1 : c1 + _BLOCK],
+        )
+        out = least[r]
+        for c in range(_BLOCK):
+            below = low0[c] + fx * (low1[c] - low0[c])
+            above = high0[c] + fx * (high1[c] - high0[c])
+            value = below + fy * (above - below) - less
+            out[c] = value if value < out[c] else out[c]
+
+
+@njit(cache=True)
+def _sample_block(ground: Ground, r0: int, c0: int) -> None:
+    """Turn the signs of a block of cells into signed distances."""
+    edges, bounds, frame, out = ground.edges, ground.bounds, ground.frame, ground.distances
+    n, cell, count = ground.room.shape[0], frame[CELL], edges.shape[0]
+    block, few, room = np.empty(count, np.int64), np.empty(count, np.int64), np.empty(count)
     scratch = np.empty(FINE * FINE), np.empty(FINE * FINE), np.empty(FINE * FINE)
-    for r0 in range(0, n, _BLOCK):
-        for c0 in range(0, n, _BLOCK):
-            x, y = frame[ORIGIN_X] + (c0 - 0.5) * cell, frame[ORIGIN_Y] + (r0 - 0.5) * cell
-            wide = _BLOCK * cell
-            half = math.sqrt(0.5) * wide
-            near = block[: _near(edges, every, x + wide / 2, y + wide / 2, half, block, room)]
-            for r in range(r0, min(r0 + _BLOCK, n)):
-                for c in range(c0, min(c0 + _BLOCK, n)):
-                    _sample_cell(edges, bounds, frame, r, c, near, few, room, scratch, out)
-    return out
+    x, y = frame[ORIGIN_X] + (c0 - 0.5) * cell, frame[ORIGIN_Y] + (r0 - 0.5) * cell
+    wide = _BLOCK * cell
+    half = math.sqrt(0.5) * wide
+    near = block[: _near(edges, np.arange(count), x + wide / 2, y + wide / 2, half, block, room)]
+    for r in range(r0, min(r0 + _BLOCK, n)):
+        for c in range(c0, min(c0 + _BLOCK, n)):
+            _sample_cell(edges, bounds, frame, r, c, near, few, room, scratch, out)
 
 
 @njit(cache=True)
@@ -198,75 +315,6 @@ def _room(
 
 
 @njit(cache=True)
-def _planes(distances: Field, pad: int) -> Field:
-    """The samples, with a border of ``pad`` cells, apart by their place in a cell: (FINE, FINE, n', n').
-
-    Beyond the samples, the value at the rim less the way to it in cells.
-    """
-    m = distances.shape[0]
-    n = m // FINE + 2 * pad
-    out = np.empty((FINE, FINE, n, n), dtype=np.float32)
-    for r in range(n * FINE):
-        j = min(max(r - pad * FINE, 0), m - 1)
-        for c in range(n * FINE):
-            i = min(max(c - pad * FINE, 0), m - 1)
-            way = (abs(r - pad * FINE - j) + abs(c - pad * FINE - i)) / FINE
-            out[r % FINE, c % FINE, r // FINE, c // FINE] = distances[j, i] - way
-    return out
-
-
-@njit(cache=True)
-def _lower(
-    out: Field, low0: Field, low1: Field, high0: Field, high1: Field, right: float, up: float, radius: float
-) -> None:
-    """Lower (m,) ``out`` to what four samples each, mixed, less a radius, come to."""
-    fx, fy, less = np.float32(right), np.float32(up), np.float32(radius)
-    for c in range(out.size):
-        low = low0[c] + fx * (low1[c] - low0[c])
-        high = high0[c] + fx * (high1[c] - high0[c])
-        value = low + fy * (high - low) - less
-        out[c] = value if value < out[c] else out[c]
-
-
-@njit(cache=True)
-def robot_clearances(distances: Field, body: FloatArray, radius: float, turns: int) -> Field:
-    """Room of the robot at each pose, in cells, as far as the samples tell: (n, n, turns).
-
-    The least distance less radius over the discs of the body; negative where it overlaps.
-
-    Args:
-        distances: (n * FINE, n * FINE) what `signed_distances` gives.
-        body: (k, 3) discs x, y, radius in the body frame that fill the robot, in cells.
-        radius: Circumradius of the robot, in cells.
-        turns: Headings T.
-    """
-    n, k = distances.shape[0] // FINE, body.shape[0]
-    pad = int(radius) + 2
-    planes = _planes(distances, pad).reshape(FINE, FINE, -1)
-    wide = n + 2 * pad
-    size = (n - 1) * wide + n
-    out = np.full((turns, n * wide), np.float32(np.inf))
-    # A disc lies at the same place between samples in every cell, so that all cells are one long sum.
-    for t in range(turns):
-        cos, sin = math.cos(2.0 * math.pi * t / turns), math.sin(2.0 * math.pi * t / turns)
-        for p in range(k):
-            x = (cos * body[p, 0] - sin * body[p, 1] + 0.5 + pad) * FINE - 0.5
-            y = (sin * body[p, 0] + cos * body[p, 1] + 0.5 + pad) * FINE - 0.5
-            i, j = int(x), int(y)
-            low, high = planes[j % FINE], planes[(j + 1) % FINE]
-            r0, r1 = j // FINE * wide, (j + 1) // FINE * wide
-            a, b, c0, c1 = i % FINE, (i + 1) % FINE, i // FINE, (i + 1) // FINE
-            _lower(
-                out[t, :size],
-                low[a, r0 + c0 : r0 + c0 + size], low[b, r0 + c1 : r0 + c1 + size],
-                high[a, r1 + c0 : r1 + c0 + size], high[b, r1 + c1 : r1 + c1 + size],
-                x - i, y - j, body[p, 2],
-            )  # fmt: skip
-    cells = out.reshape(turns, n, wide)[:, :, :n]
-    return np.ascontiguousarray(cells.transpose(1, 2, 0))
-
-
-@njit(cache=True)
 def free_logits(
     room: Field, workspace: Field, first: Field, bias: Field, last: Field, offset: float
 ) -> Field:
@@ -309,48 +357,6 @@ def _beside(r: int, c: int, k: int, side: int, turns: int) -> tuple[int, int, in
     if side < 4:
         return r + 2 * side - 5, c, k
     return r, c, (k + 2 * side - 9) % turns
-
-
-@njit(cache=True)
-def _solve(upwind: tuple[float, float, float], slowness: float, ways: tuple[float, float, float]) -> float:
-    """Upwind solution of |grad u| = slowness at one pose.
-
-    Args:
-        upwind: What `_upwind` gives.
-        slowness: Slowness there.
-        ways: Length of a cell, length of a turn to the next heading, ratio of their squares.
-    """
-    a0, a1, a2 = upwind
-    cell, turn, ratio = ways
-    # All is scaled by the square of the cell: the weight of a row or column is 1, that of a turn the ratio.
-    if a1 < a0:
-        a0, a1 = a1, a0
-    s = slowness * cell
-    square = s * s
-    if a2 >= a1:  # the turn comes last
-        value = a0 + s
-        if value > a1:
-            value = 0.5 * (a0 + a1 + math.sqrt(max(2.0 * square - (a1 - a0) * (a1 - a0), 0.0)))
-        if value <= a2:
-            return value
-    else:
-        high = max(a0, a2)
-        value = a0 + s if a0 <= a2 else a2 + slowness * turn
-        if value <= high:
-            return value
-        # Two of them: (u - a0)^2 + ratio (u - a2)^2 = s^2.
-        gap = a2 - a0
-        weight = 1.0 + ratio
-        root = math.sqrt(max(weight * square - ratio * gap * gap, 0.0))
-        value = (a0 + ratio * a2 + root) / weight
-        if value <= a1:
-            return value
-    # All three.
-    weight = 2.0 + ratio
-    d1, d2 = a1 - a0, a2 - a0
-    b = d1 + ratio * d2
-    root = math.sqrt(max(b * b - weight * (d1 * d1 + ratio * d2 * d2 - square), 0.0))
-    return a0 + (b + root) / weight
 
 
 @njit(cache=True)
@@ -442,187 +448,6 @@ def poses_near_goal(
 
 
 @njit(cache=True)
-def wave(
-    slowness: Field,
-    wanted: BoolArray,
-    closed: Links,
-    jump: float,
-    places: IntArray,
-    values: FloatArray,
-    frame: FloatArray,
-) -> Field:
-    """Solve |grad u| = slowness outwards from the goal by fast marching: (n, n, T) float32.
-
-    Ends when it has reached every pose that is wanted; what it has not reached by then comes last, and what
-    no way of finite slowness leads to has an infinite value. Poses wait in buckets of arrivals that are told
-    apart no further (an untidy priority queue): a pose may be taken before another that is nearer by less
-    than a quarter of the way between two poses, or a little more where turns cost next to nothing.
-
-    Args:
-        slowness: (n, n, T) at least 1; more where a pose seems blocked; infinite where it is forbidden.
-        wanted: (n, n, T) which poses the wave has to reach.
-        closed: (n, n, T) what `closed_links` gives; (0, 0, 0) where all links are open.
-        jump: What crossing a closed link takes beside its length (length).
-        places: (m,) flat places of the poses where the wave begins.
-        values: (m,) how far they are from the goal.
-        frame: Where the cells lie, and the weight of a turn.
-    """
-    n, turns = slowness.shape[0], slowness.shape[2]
-    cell, turn = frame[CELL], max(frame[WEIGHT] * 2.0 * math.pi / turns, 1e-9 * frame[CELL])
-    ways = (cell, turn, (cell / turn) ** 2)
-    row = (n + 2) * turns
-    slow = _bordered(slowness, np.float32(np.inf))
-    aims = _bordered(wanted, False)
-    doors = _bordered(closed, np.uint8(0)) if closed.size else np.zeros(0, np.uint8)
-    u = np.full(slow.size, np.float32(np.inf))
-    width, longest, left = _UNTIDY * cell, cell, 0
-    if turns > 1:
-        width, longest = _UNTIDY * max(min(cell, turn), cell / 8.0), max(cell, turn)
-    slowest = np.float32(1.0)
-    for v in range(slowness.size):
-        if slowness.flat[v] < np.inf:
-            slowest = max(slowest, slowness.flat[v])
-            left += 1 if wanted.flat[v] else 0
-    longest = slowest * longest + (jump if closed.size else 0.0)
-    buckets = min(2 ** math.ceil(math.log2(longest / width + 3.0)), _MOST_BUCKETS)
-    queue = _Queue(
-        np.full(buckets, -1, dtype=np.int32),
-        np.empty(7 * slow.size, np.int32),
-        np.empty(7 * slow.size, np.int32),
-        np.empty(7 * slow.size, np.float32),
-    )
-    base = values.min() if values.size else 0.0
-    for i in range(places.size):
-        r, c, k = places[i] // (turns * n), places[i] // turns % n, places[i] % turns
-        v = (r + 1) * row + (c + 1) * turns + k
-        b = min(int((values[i] - base) / width), buckets - 1)
-        u[v], queue.items[i], queue.keys[i] = values[i], v, values[i]
-        queue.after[i], queue.first[b] = queue.first[b], i
-    last = _march(u, slow, aims, left, doors, jump, queue, places.size, (base, width), ways, (turns, row))
-    if last < np.inf:
-        u = np.minimum(u, np.float32(last + n * cell))
-    return u.reshape((n + 2, n + 2, turns))[1:-1, 1:-1].copy()
-
-
-class _Queue(NamedTuple):
-    """Poses in buckets of arrivals, each bucket a list.
-
-    Attributes:
-        first: First entry of each bucket, -1 for none; as many buckets as a power of two.
-        after: The entry behind each entry, -1 at the end of its list.
-        items: Pose of each entry.
-        keys: Its arrival.
-    """
-
-    first: Int32s
-    after: Int32s
-    items: Int32s
-    keys: Field
-
-
-@njit(cache=True)
-def _march(
-    u: Field,
-    slow: Field,
-    aims: BoolArray,
-    left: int,
-    doors: Links,
-    jump: float,
-    queue: _Queue,
-    waiting: int,
-    scale: tuple[float, float],
-    ways: tuple[float, float, float],
-    strides: tuple[int, int],
-) -> float:
-    """Take pose after pose until ``left`` aims are reached; when the last was, infinite if not all are."""
-    first, after, items, keys = queue
-    base, width = scale
-    turns, row = strides
-    around = first.size - 1
-    size, spare, now, last = waiting, -1, 0, 0.0
-    known = np.full(u.size, np.float32(np.inf))  # of the poses that have been taken; infinite at the others
-    while waiting > 0 and left > 0:
-        entry = first[now & around]
-        if entry < 0:
-            now += 1
-            continue
-        key, v = keys[entry], items[entry]
-        first[now & around] = after[entry]
-        b = int((key - base) / width)
-        if b > now:  # it was too far ahead for the buckets
-            b = min(b, now + around) & around
-            after[entry], first[b] = first[b], entry
-            continue
-        waiting -= 1
-        after[entry], spare = spare, entry
-        if known[v] < np.inf or key > u[v]:
-            continue
-        known[v] = key
-        left -= 1 if aims[v] else 0
-        last = max(last, key)
-        k = v % turns
-        for side in range(6 if turns > 1 else 4):
-            w, h = v, k
-            if side < 4:
-                w += (row if side > 1 else turns) * (2 * (side & 1) - 1)
-            else:
-                h = (k - 1 if k > 0 else turns - 1) if side == 4 else (k + 1 if k < turns - 1 else 0)
-                w += h - k
-            if slow[w] == np.inf or known[w] < np.inf:
-                continue
-            value = _solve(_upwind(known, doors, w, h, turns, row, jump), float(slow[w]), ways)
-            if value < u[w]:
-                u[w] = value
-                # Not before the bucket that is due, and no further ahead than the buckets go round.
-                b = min(max(int((value - base) / width), now), now + around) & around
-                if spare < 0:
-                    entry, size = size, size + 1
-                else:
-                    entry, spare = spare, after[spare]
-                items[entry], keys[entry] = w, value
-                after[entry], first[b] = first[b], entry
-                waiting += 1
-    return last if left == 0 else np.inf
-
-
-@njit(cache=True)
-def _bordered(values: npt.NDArray[Any], border: Any) -> npt.NDArray[Any]:
-    """Flat (n + 2, n + 2, T): with a border, so that no neighbour lies outside."""
-    n, turns = values.shape[0], values.shape[2]
-    out = np.full((n + 2, n + 2, turns), border)
-    out[1:-1, 1:-1] = values
-    return out.reshape(-1)
-
-
-@njit(cache=True)
-def _upwind(
-    known: Field, doors: Links, w: int, h: int, turns: int, row: int, jump: float
-) -> tuple[float, float, float]:
-    """The lesser known value beside a pose in its row, its column, and at the headings beside its h-th.
-
-    What a closed link takes is added; ``doors`` is empty where all are open.
-    """
-    up = w + 1 if h < turns - 1 else w + 1 - turns
-    down = w - 1 if h > 0 else w - 1 + turns
-    if doors.size == 0:
-        turned = float(min(known[down], known[up])) if turns > 1 else np.inf
-        beside = float(min(known[w - turns], known[w + turns]))
-        return beside, float(min(known[w - row], known[w + row])), turned
-    a0 = min(
-        known[w - turns] + jump * (doors[w - turns] & 1),
-        known[w + turns] + jump * (doors[w] & 1),
-    )
-    a1 = min(
-        known[w - row] + jump * (doors[w - row] >> 1 & 1),
-        known[w + row] + jump * (doors[w] >> 1 & 1),
-    )
-    a2 = np.inf
-    if turns > 1:
-        a2 = min(known[down] + jump * (doors[down] >> 2), known[up] + jump * (doors[w] >> 2))
-    return a0, a1, a2
-
-
-@njit(cache=True)
 def _cell(q: FloatArray, n: int, turns: int, frame: FloatArray) -> tuple[int, int, int, float, float, float]:
     """Lower corner (row, column, heading) of the cell around a pose and the place in it, 0 to 1 each."""
     gx = min(max((q[0] - frame[ORIGIN_X]) / frame[CELL], 0.0), n - 1.001)
@@ -701,7 +526,8 @@ class Joined(NamedTuple):
     """How m configurations are joined to the poses of a grid, up to 8 of them each, and to the goal.
 
     Attributes:
-        places: (m, 9) flat places of the poses, and of the one nearest to the goal.
+        places: (m, 9) flat places of the poses, and of the one nearest to the goal, in a grid with a border
+            (see `guided_gym.kernels.marching`).
         shares: (m, 8) float32 by which to mix the poses; they sum to 1 or to 0.
         lengths: (m, 10) distances to the poses and to the goal, infinite if not joined, and then the goal's
             distance again, joined or not.
@@ -713,7 +539,7 @@ class Joined(NamedTuple):
 
 
 @njit(cache=True)
-def join(qs: FloatArray, room: Field, free: BoolArray, frame: FloatArray, geometry: Geometry) -> Joined:
+def join(qs: FloatArray, ground: Ground, seems: Field, frame: FloatArray, geometry: Geometry) -> Joined:
     """Join configurations (m, d) to the corners of the cells that they lie in, and to the goal if it is near.
 
     A corner counts if the straight motion to it is free, which is looked at where the room leaves it in
@@ -721,11 +547,12 @@ def join(qs: FloatArray, room: Field, free: BoolArray, frame: FloatArray, geomet
 
     Args:
         qs: (m, d) configurations.
-        room: (n, n, T) room of the robot in cells.
-        free: (n, n, T) which poses seem free.
+        ground: The workspace; what is there is looked at.
+        seems: (n, n, T) above 0 where a pose seems free.
         frame: Where the cells lie, and the goal.
         geometry: What the collision kernels take.
     """
+    room = ground.room
     n, turns, d = room.shape[0], room.shape[2], qs.shape[1]
     cell, span = frame[CELL], 2.0 * math.pi / turns
     count = 8 if turns > 1 else 4
@@ -742,21 +569,22 @@ def join(qs: FloatArray, room: Field, free: BoolArray, frame: FloatArray, geomet
         least = np.inf
         for corner in range(count):
             a, b, h = j + (corner >> 1 & 1), i + (corner & 1), (k + (corner >> 2)) % turns
-            places[m, corner] = (a * n + b) * turns + h
+            places[m, corner] = ((a + 1) * (n + 2) + b + 1) * turns + h
+            look(ground, a, b)
             least = min(least, room[a, b, h])
         ranks = np.zeros(count, np.int64)
         for corner in range(count):
-            place = places[m, corner]
-            end[0] = frame[ORIGIN_X] + place // turns % n * cell
-            end[1] = frame[ORIGIN_Y] + place // (turns * n) * cell
+            a, b, h = j + (corner >> 1 & 1), i + (corner & 1), (k + (corner >> 2)) % turns
+            end[0] = frame[ORIGIN_X] + b * cell
+            end[1] = frame[ORIGIN_Y] + a * cell
             turn = 0.0
             if turns > 1:
-                end[2] = place % turns * span
+                end[2] = h * span
                 turn = (end[2] - qs[m, 2]) / (2.0 * math.pi)
                 turn = frame[WEIGHT] * 2.0 * math.pi * (turn - math.floor(turn + 0.5))
             away[corner] = math.sqrt((end[0] - qs[m, 0]) ** 2 + (end[1] - qs[m, 1]) ** 2 + turn * turn)
             if least >= enough or motion_free(qs[m], end, geometry):
-                ranks[corner] = 2 if free.flat[place] else 1
+                ranks[corner] = 2 if seems[a, b, h] > 0.0 else 1
         best, total = ranks.max(), 0.0
         for corner in range(count):
             if ranks[corner] == best:
@@ -785,7 +613,7 @@ def _join_goal(
     goal = frame[GOAL : GOAL + d].copy()
     j, i, k, fy, fx, ft = _cell(goal, n, turns, frame)
     j, i, k = j + int(fy > 0.5), i + int(fx > 0.5), (k + int(ft > 0.5)) % turns
-    places[m, 8] = (j * n + i) * turns + k
+    places[m, 8] = ((j + 1) * (n + 2) + i + 1) * turns + k
     lengths[m, 9] = goal_distance(q[0], q[1], q[2] if d > 2 else 0.0, frame)
     near = _NEAR * math.sqrt(2.0) * frame[CELL]
     if math.hypot(goal[0] - q[0], goal[1] - q[1]) <= near and motion_free(q, goal, geometry):
@@ -793,7 +621,7 @@ def _join_goal(
 
 
 @njit(cache=True)
-def joined_values(joined: Joined, arrival: Field, effort: Field) -> FloatArray:
+def joined_values(joined: Joined, known: Field, floor: Field, effort: Field) -> FloatArray:
     """(m,) cost-to-go of configurations that `join` has joined; infinite where it has not.
 
     The mix of the corners, or the least of corner and way to it, whichever is less: the one where the field
@@ -801,17 +629,17 @@ def joined_values(joined: Joined, arrival: Field, effort: Field) -> FloatArray:
 
     Args:
         joined: What `join` gives.
-        arrival: (n, n, T) when the wave comes to the poses.
-        effort: (n, n, T) how many times slower they have become.
+        known: (p,) when the wave comes to the poses.
+        floor: (p,) when it came at the latest before: it comes no earlier.
+        effort: (p,) how many times slower they have become.
     """
     places, shares, lengths = joined.places, joined.shares, joined.lengths
-    flat, slower = arrival.reshape(-1), effort.reshape(-1)
     out = np.full(places.shape[0], np.inf)
     for m in range(places.shape[0]):
         mixed = 0.0
         total = 0.0
         for corner in range(8):
-            value = flat[places[m, corner]]
+            value = max(known[places[m, corner]], floor[places[m, corner]])
             out[m] = min(out[m], value + lengths[m, corner])
             if shares[m, corner] > 0.0:
                 total += shares[m, corner]
@@ -819,8 +647,8 @@ def joined_values(joined: Joined, arrival: Field, effort: Field) -> FloatArray:
         if total > 0.0:
             out[m] = min(out[m], mixed)
         out[m] = max(out[m], lengths[m, 9])
-        if lengths[m, 8] < np.inf and slower[places[m, 8]] < np.inf:
-            out[m] = min(out[m], lengths[m, 8] * slower[places[m, 8]])
+        if lengths[m, 8] < np.inf and effort[places[m, 8]] < np.inf:
+            out[m] = min(out[m], lengths[m, 8] * effort[places[m, 8]])
     return out
 
 

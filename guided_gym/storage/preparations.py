@@ -60,6 +60,11 @@ def keeping(store: PreparationStore | None = None) -> Iterator[None]:
         _store.reset(token)
 
 
+def is_keeping() -> bool:
+    """Whether what is prepared now is kept on the disk; see `keeping`."""
+    return _store.get().folder is not None
+
+
 def prepared(what: str, of: object, build: Callable[[], Arrays], sound: Callable[[Arrays], bool]) -> Arrays:
     """The arrays that ``build`` makes, from the disk where they are kept; see `keeping`.
 
@@ -70,7 +75,7 @@ def prepared(what: str, of: object, build: Callable[[], Arrays], sound: Callable
         sound: Whether arrays can be such: of the right names, types and shapes, indices in range.
     """
     store = _store.get()
-    if store.folder is None:
+    if not is_keeping():
         return build()
     key = hashlib.sha256(f"{what} {of}\n".encode()).hexdigest()
     arrays = store.load(key)

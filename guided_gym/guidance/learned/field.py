@@ -16,8 +16,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from guided_gym.errors import InvalidInputError, StorageError
-from guided_gym.guidance.solvers.wave import Field, FloatArray, PoseGrid, WaveModel
-from guided_gym.kernels import fields
+from guided_gym.guidance.solvers.wave import Arrivals, Field, FloatArray, PoseGrid, WaveModel
+from guided_gym.kernels import fields, marching
 from guided_gym.kernels.fields import CLIP, LEAST
 
 ROOM_COLUMNS: Final = ("room", "room before", "room after", "workspace room")
@@ -137,7 +137,7 @@ class FieldModel(WaveModel):
     ) -> None:
         super().__init__(architecture.cells, architecture.headings, architecture.blocked)
         self.architecture = architecture
-        self.plans = architecture.planning
+        self.plans, self.whole = architecture.planning, True
         self._tensors = {name: _as_matrix(tensor) for name, tensor in tensors.items()}
         self._corrects = corrected and any(self._tensors[f"head.{part}"].any() for part in ("weight", "bias"))
 
@@ -148,14 +148,25 @@ class FieldModel(WaveModel):
         offset = float(self._tensors["encoder.1.bias"][0])
         return fields.free_logits(grid.room, grid.workspace, first, bias, last, offset)
 
-    def arrival(
-        self, grid: PoseGrid, frame: FloatArray, effort: Field | None = None
-    ) -> tuple[Field, NDArray[np.bool_]]:
-        """(n, n, T) when the wave from the goal arrives, and which poses seem free."""
+    def slowness(self, grid: PoseGrid) -> Field:
+        """(n, n, T) 1/p: as often as one would have to try."""
+        tries = 1 + np.exp(np.minimum(-self.free(grid), 30))
+        return np.asarray(np.minimum(tries, self.blocked).astype(np.float32))
+
+    def begin(self, grid: PoseGrid, goal: FloatArray, start: FloatArray | None = None) -> Arrivals:
+        """A wave that has run: what the decoder makes of it stands until costs rise."""
+        found = super().begin(grid, goal)
+        if start is not None:
+            values = np.abs(self.field(found).values)
+            found.front.known[:] = marching.bordered(values, np.float32(np.inf)).reshape(-1)
+        return found
+
+    def arrival(self, found: Arrivals) -> Field:
+        """(n, n, T) when the wave from the goal arrives."""
         if self.plans:
-            return super().arrival(grid, frame, effort)
-        n, _, turns = grid.room.shape
-        return fields.goal_distances(n, turns, frame), self.free(grid) > 0
+            return super().arrival(found)
+        n, _, turns = found.grid.room.shape
+        return fields.goal_distances(n, turns, found.frame)
 
     def corrected(self, grid: PoseGrid, frame: FloatArray, arrival: Field) -> Field:
         """(n, n, T) cost-to-go from the arrival, by the decoder."""

@@ -9,9 +9,9 @@ from __future__ import annotations
 
 import math
 from collections import OrderedDict
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import lru_cache
-from typing import TYPE_CHECKING, Any, Final
+from typing import Any, Final, NamedTuple
 
 import numpy as np
 import shapely
@@ -23,21 +23,20 @@ from guided_gym.geometry.environment import Environment
 from guided_gym.geometry.robots import Robot, rigid
 from guided_gym.geometry.space import ConfigurationSpace
 from guided_gym.guidance.solvers.base import Query, Valid
-from guided_gym.kernels import collision, fields
+from guided_gym.kernels import collision, fields, marching
 from guided_gym.kernels.collision import Geometry
-from guided_gym.storage.preparations import Arrays, fits, prepared
-
-if TYPE_CHECKING:
-    from guided_gym.problems import Problem
+from guided_gym.kernels.fields import Ground
+from guided_gym.kernels.marching import Front
+from guided_gym.storage.preparations import Arrays, fits, is_keeping, prepared
 
 FloatArray = NDArray[np.float64]
 Field = NDArray[np.float32]
 
-_SURE: Final = 60.0  # logit of being free for each cell of room
 _NEAR_GOAL: Final = 2  # cells around the goal where the wave may begin
 _SURE_PARTS: Final = 32  # poses along a motion to the goal
 _FINER: Final = 3  # grids that are tried, each about 3/2 times as fine as the one before
 _LEAST: Final = 1e-6  # cells; a value of 0 would have no sign
+_FEW: Final = 8  # headings
 _ROUGH: Final = 1.1  # lengths: the grid is no more exact than that
 _SLOWEST: Final = 1e3  # times that failures may slow down a pose
 _KEPT: Final = 8  # problems whose fields are kept
@@ -97,6 +96,12 @@ def _least_width(robot: Robot) -> float:
     return min(widths)
 
 
+def _headings(robot: Robot, apart: float, most: int) -> int:
+    """As few headings as keep the robot's farthest point no further apart than that (length)."""
+    needed = math.ceil(2.0 * math.pi * robot.radius / apart / 4.0) * 4
+    return min(max(needed, _FEW), most)
+
+
 def _edges(environment: Environment) -> FloatArray:
     union = environment.obstacle_union
     polygons = getattr(union, "geoms", [union])
@@ -112,42 +117,35 @@ class PoseGrid:
     """What is known of a problem without its goal: the square around the workspace, and the robot in it.
 
     Attributes:
-        frame: Where the cells lie (see `guided_gym.kernels.fields`); its goal is not set.
-        side: Side of the square (length).
-        room: (n, n, T) room of the robot in cells; T is 1 for a robot that cannot turn.
-        workspace: (n, n) room of a point in cells.
-        distances: Samples of the distance to the nearest obstacle, in cells, finer than the grid.
-        body: (k, 3) discs that fill the robot, in cells.
+        ground: The workspace and the robot's room in it; see `fields.Ground`.
+        workspace: (n, n) room of a point in cells; (0, 0) unless the whole grid has been looked at.
         closed: (n, n, T) links between poses that are not free (see `fields.closed_links`); (0, 0, 0) where
-            none can be.
+            none can be. T is 1 for a robot that cannot turn.
         link_looks: How many links were checked for collision.
         geometry: What the collision kernels take; None if it is not at hand, as in a lesson from a file.
     """
 
-    frame: FloatArray
-    side: float
-    room: Field
+    ground: Ground
     workspace: Field
-    distances: Field
-    body: FloatArray
     closed: NDArray[np.uint8] = field(default_factory=lambda: np.zeros((0, 0, 0), np.uint8))
     link_looks: int = 0
     geometry: Geometry | None = None
 
     @classmethod
-    def of(cls, space: ConfigurationSpace, cells: int, headings: int) -> PoseGrid:
+    def of(cls, space: ConfigurationSpace, cells: int, headings: int, whole: bool = True) -> PoseGrid:
         """Rasterise the workspace of a space, as its robot sees it.
 
         Args:
             space: The configuration space.
             cells: Cells along each side.
-            headings: Headings, for a robot that can turn.
+            headings: Headings, for a robot that can turn; fewer do for a stout one, unless the grid is whole.
+            whole: Whether to look everywhere at once; otherwise where it is asked for.
 
         Raises:
             InvalidInputError: A robot that is not planar and rigid.
         """
         robot = rigid(space.robot, "grid of poses")
-        xmin, ymin, xmax, ymax = space.environment.bounds
+        xmin, ymin, xmax, ymax = bounds = space.environment.bounds
         side = max(xmax - xmin, ymax - ymin)
         cell = side / cells
         frame = np.zeros(fields.FRAME)
@@ -155,21 +153,56 @@ class PoseGrid:
         frame[fields.ORIGIN_Y] = (ymin + ymax - side + cell) / 2
         frame[fields.CELL] = cell
         frame[fields.WEIGHT] = space.weights[2] if space.dimension == 3 else 0.0
-        body = body_discs(robot, cell) / cell
-        turns, fine = headings if space.dimension == 3 else 1, fields.FINE
-        kept = prepared(
-            "wave 1",
-            f"{space.fingerprint()} {cells} {headings}",
-            lambda: _rasterised(space, robot, frame, (cells, turns), body),
-            lambda kept: _is_raster(kept, cells, turns),
+        turns, width = 1, _least_width(robot)
+        if space.dimension == 3:
+            turns = headings if whole or width < cell else _headings(robot, min(2.0 * cell, width), headings)
+        body, radius = body_discs(robot, cell) / cell, robot.radius / cell
+        thin = width < max(cell, 2.0 * math.pi / turns * robot.radius)
+        edges = _edges(space.environment), np.array(bounds)
+        if not (whole or thin or is_keeping()):
+            ground = fields.unseen(*edges, frame, cells, turns, body, radius)
+            return cls(ground, np.zeros((0, 0), np.float32), geometry=space.geometry)
+
+        def looked_at() -> Arrays:
+            ground = fields.unseen(*edges, frame, cells, turns, body, radius)
+            fields.look_everywhere(ground)
+            closed, looks = np.zeros((0, 0, 0), np.uint8), 0
+            if thin:
+                closed, looks = fields.closed_links(ground.room, frame, space.geometry)
+            found = {"closed": closed, "looks": np.array([looks])}
+            return {"distances": ground.distances, "room": ground.room, **found}
+
+        key = f"{space.fingerprint()} {cells} {turns}"
+        kept = prepared("wave 2", key, looked_at, lambda kept: _is_raster(kept, cells, turns))
+        known = cls.known(frame, kept["room"], _workspace(kept["distances"]), kept["distances"], body)
+        return replace(
+            known, closed=kept["closed"], link_looks=int(kept["looks"][0]), geometry=space.geometry
         )
-        blocks = kept["distances"].reshape(cells, fine, cells, fine)[:, fine // 2 - 1 :, :, fine // 2 - 1 :]
-        workspace = blocks[:, :2, :, :2].mean(axis=(1, 3))
-        rooms, links = (
-            (kept["room"], workspace, kept["distances"], body),
-            (kept["closed"], int(kept["looks"][0])),
-        )
-        return cls(frame, side, *rooms, *links, space.geometry)
+
+    @classmethod
+    def known(
+        cls, frame: FloatArray, room: Field, workspace: Field, distances: Field, body: FloatArray
+    ) -> PoseGrid:
+        """A grid that was looked at before, without the geometry behind it."""
+        room, distances = (np.require(array, np.float32, ["C", "W"]) for array in (room, distances))
+        nothing, seen = np.zeros((0, 4)), np.ones((len(room), len(room)), np.bool_)
+        ground = Ground(nothing, np.zeros(4), frame, distances, seen, body, np.zeros(1), room, seen)
+        return cls(ground, workspace)
+
+    @property
+    def frame(self) -> FloatArray:
+        """Where the cells lie (see `guided_gym.kernels.fields`); its goal is not set."""
+        return self.ground.frame
+
+    @property
+    def room(self) -> Field:
+        """(n, n, T) room of the robot in cells; NaN where nobody has looked."""
+        return self.ground.room
+
+    @property
+    def side(self) -> float:
+        """Side of the square (length)."""
+        return float(self.frame[fields.CELL] * len(self.room))
 
     def towards(self, goal: FloatArray) -> FloatArray:
         """The frame with a goal in it."""
@@ -189,32 +222,20 @@ class PoseGrid:
         if self.geometry is not None:
             chosen = collision.motions_free(np.repeat(goal[None], len(ends), axis=0), ends, self.geometry)
         if not chosen.any():
-            spare = fields.spare_room(goal, ends, self.distances, self.body, frame, _SURE_PARTS)
+            fields.look_around(self.ground, places)
+            distances, body = self.ground.distances, self.ground.body
+            spare = fields.spare_room(goal, ends, distances, body, frame, _SURE_PARTS)
             chosen = spare >= 0.0 if (spare >= 0.0).any() else spare == spare.max()
-        distances = [fields.goal_distance(x, y, theta, frame) for x, y, theta in poses[chosen].tolist()]
-        return places[chosen], np.array(distances)
+        away = [fields.goal_distance(x, y, theta, frame) for x, y, theta in poses[chosen].tolist()]
+        return places[chosen], np.array(away)
 
     def looks(self, frame: FloatArray) -> int:
         """How many motions have been checked for collision: those of links, and those to the goal."""
         return self.link_looks + len(fields.poses_near_goal(self.room.shape, frame, _NEAR_GOAL)[0])
 
 
-def _rasterised(
-    space: ConfigurationSpace, robot: Robot, frame: FloatArray, shape: tuple[int, int], body: FloatArray
-) -> Arrays:
-    """Of a grid of (cells, headings), what depends on the workspace; see `PoseGrid`."""
-    (cells, turns), cell = shape, float(frame[fields.CELL])
-    bounds = np.array(space.environment.bounds)
-    distances = fields.signed_distances(_edges(space.environment), bounds, frame, cells)
-    room = fields.robot_clearances(distances, body, robot.radius / cell, turns)
-    closed, looks = np.zeros((0, 0, 0), np.uint8), 0
-    if _least_width(robot) < max(cell, 2.0 * math.pi / turns * robot.radius):
-        closed, looks = fields.closed_links(room, frame, space.geometry)
-    return {"distances": distances, "room": room, "closed": closed, "looks": np.array([looks])}
-
-
 def _is_raster(kept: Arrays, cells: int, turns: int) -> bool:
-    """Whether arrays from a file have the types and shapes of those that `_rasterised` makes."""
+    """Whether arrays from a file have the types and shapes of those of a grid."""
     closed = (cells, cells, turns) if kept["closed"].size else (0, 0, 0)
     return (
         fits(kept["distances"], np.float32, cells * fields.FINE, cells * fields.FINE)
@@ -222,6 +243,14 @@ def _is_raster(kept: Arrays, cells: int, turns: int) -> bool:
         and fits(kept["closed"], np.uint8, *closed)
         and fits(kept["looks"], np.int64, 1)
     )
+
+
+def _workspace(distances: Field) -> Field:
+    """(n, n) distances at the middles of the cells."""
+    fine = fields.FINE
+    cells = len(distances) // fine
+    blocks = distances.reshape(cells, fine, cells, fine)[:, fine // 2 - 1 :, :, fine // 2 - 1 :]
+    return np.asarray(blocks[:, :2, :, :2].mean(axis=(1, 3)))
 
 
 @dataclass(frozen=True, eq=False)
@@ -247,6 +276,64 @@ class CostField:
         return fields.look_up(np.ascontiguousarray(q, np.float64), self.values, self.frame)
 
 
+class Arrivals(NamedTuple):
+    """When a wave from the goal comes to the poses of a grid, worked out where it is asked for.
+
+    Attributes:
+        grid: The grid.
+        frame: Where the cells lie, and the goal.
+        seems: (n, n, T) above 0 where a pose seems free.
+        front: The wave as far as it has run.
+        floor: (p,) when it came at the latest before: it comes no earlier.
+        sources: Where the wave begins; see `PoseGrid.beginnings`.
+    """
+
+    grid: PoseGrid
+    frame: FloatArray
+    seems: Field
+    front: Front
+    floor: Field
+    sources: tuple[NDArray[np.int64], FloatArray]
+
+    def at(self, joined: fields.Joined) -> FloatArray:
+        """(m,) cost-to-go of configurations that are joined to the grid."""
+        known = np.isfinite(joined.lengths[:, :8])
+        front = self.front
+        marching.reach(front, self.grid.ground, joined.places[:, :8][known])
+        return fields.joined_values(joined, front.known, self.floor, front.effort)
+
+    def join(self, q: FloatArray) -> fields.Joined:
+        """How configurations (m, d) are joined to the grid."""
+        q = np.require(q, np.float64, ["C", "W"])
+        geometry = self.grid.geometry
+        assert geometry is not None
+        return fields.join(q, self.grid.ground, self.seems, self.frame, geometry)
+
+    def inner(self, values: Field) -> Field:
+        """(n, n, T) what is within the border of (p,) values."""
+        n, _, turns = self.grid.room.shape
+        return values.reshape(n + 2, n + 2, turns)[1:-1, 1:-1]
+
+    def everywhere(self) -> Field:
+        """(n, n, T) the arrivals, as far as a pose that seems free; what is behind comes last."""
+        front, ground = self.front, self.grid.ground
+        fields.look_everywhere(ground)
+        n = len(ground.room)
+        wanted = marching.bordered(self.seems >= 0, False).reshape(-1)
+        marching.reach(front, ground, np.flatnonzero(wanted & (front.slow != np.inf)))
+        taken = front.known[np.isfinite(front.known)]
+        last = np.float32(taken.max() + n * self.frame[fields.CELL]) if taken.size else np.float32(np.inf)
+        return self.inner(np.maximum(np.minimum(front.least, last), self.floor))
+
+    def blocked_from(self, start: FloatArray) -> bool:
+        """Whether something seems blocked on the way from a configuration (d,)."""
+        joined = self.join(start[None])
+        self.at(joined)
+        known = self.inner(self.front.known)
+        signed = np.where(self.seems > 0, known, -known)
+        return bool(fields.blocked_on_way(start, signed, self.grid.closed, self.frame))
+
+
 class WaveModel:
     """Which poses are free, by their room, and how long a wave from the goal takes to them.
 
@@ -257,66 +344,83 @@ class WaveModel:
     """
 
     plans: bool = True  # whether there is a wave
+    whole: bool = False  # whether it has to see the whole grid
 
     def __init__(self, cells: int, headings: int, blocked: float = 300.0) -> None:
         self.cells, self.headings, self.blocked = cells, headings, blocked
-        self._kept: OrderedDict[bytes, tuple[PoseGrid, CostField]] = OrderedDict()
+        self._kept: OrderedDict[bytes, Arrivals] = OrderedDict()
         self._grids: OrderedDict[tuple[str, int], PoseGrid] = OrderedDict()
 
     def __getstate__(self) -> dict[str, Any]:
         return {**self.__dict__, "_kept": OrderedDict(), "_grids": OrderedDict()}
 
     def free(self, grid: PoseGrid) -> Field:
-        """(n, n, T) logit of each pose being free."""
-        return _SURE * grid.room
+        """(n, n, T) logit of each pose being free, or what has its sign."""
+        return grid.room
 
-    def slowness(self, grid: PoseGrid, logits: Field, effort: Field | None = None) -> Field:
-        """(n, n, T) 1/p: as often as one would have to try. ``effort`` multiplies it."""
-        slowness = 1 + np.exp(np.minimum(-logits, 30))
-        if effort is not None:
-            slowness *= effort
-        return np.asarray(np.minimum(slowness, self.blocked).astype(np.float32))
+    def slowness(self, grid: PoseGrid) -> Field:
+        """(n, n, T) 1/p: as often as one would have to try; NaN where its room tells, if it is asked for."""
+        return np.full(grid.room.shape, np.float32(np.nan))
 
-    def arrival(
-        self, grid: PoseGrid, frame: FloatArray, effort: Field | None = None
-    ) -> tuple[Field, NDArray[np.bool_]]:
-        """(n, n, T) when the wave from the goal arrives, and which poses seem free."""
-        logits = self.free(grid)
-        slowness = self.slowness(grid, logits, effort)
-        jump = self.blocked * float(frame[fields.CELL])
-        return (
-            fields.wave(slowness, logits >= 0, grid.closed, jump, *grid.beginnings(frame), frame),
-            logits > 0,
-        )
-
-    def evaluate(self, grid: PoseGrid, goal: FloatArray, effort: Field | None = None) -> CostField:
-        """The cost-to-go field for a goal.
+    def begin(self, grid: PoseGrid, goal: FloatArray, start: FloatArray | None = None) -> Arrivals:
+        """A wave that has not run.
 
         Args:
             grid: The grid of poses.
-            goal: (d,) the goal.
-            effort: (n, n, T) how many times slower the wave is than the room lets it be; None for once.
+            goal: (d,) where it begins.
+            start: (d,) what it heads for; None for nothing, which is faster where it has to come everywhere.
         """
+        slow = marching.bordered(self.slowness(grid), np.float32(np.inf)).reshape(-1)
         frame = grid.towards(goal)
-        arrival, free = self.arrival(grid, frame, effort)
-        return CostField.of(frame, free, self.corrected(grid, frame, arrival), arrival)
+        sources, even = grid.beginnings(frame), np.ones_like(slow)
+        front = self._begun(grid, frame, sources, start, slow, even, self.blocked)
+        return Arrivals(grid, frame, self.free(grid), front, np.zeros_like(slow), sources)
+
+    def slowed(self, before: Arrivals, start: FloatArray, slow: Field, effort: Field) -> Arrivals:
+        """Another wave, over (p,) slower poses, that comes nowhere earlier than one before."""
+        known, slowest = before.front.known, max(self.blocked, _SLOWEST)
+        floor = np.maximum(before.floor, np.where(known < np.inf, known, np.float32(0.0)))
+        front = self._begun(before.grid, before.frame, before.sources, start, slow, effort, slowest)
+        return before._replace(front=front, floor=floor)
+
+    def _begun(
+        self,
+        grid: PoseGrid,
+        frame: FloatArray,
+        sources: tuple[NDArray[np.int64], FloatArray],
+        start: FloatArray | None,
+        slow: Field,
+        effort: Field,
+        slowest: float,
+    ) -> Front:
+        target = np.zeros(0) if start is None else np.append(start, 0.0)[:3]
+        limits = self.blocked, slowest
+        return marching.begin(slow, effort, grid.room.shape, grid.closed, limits, *sources, frame, target)
+
+    def evaluate(self, grid: PoseGrid, goal: FloatArray) -> CostField:
+        """The cost-to-go field for a goal."""
+        return self.field(self.begin(grid, goal))
+
+    def field(self, found: Arrivals) -> CostField:
+        """The cost-to-go field of a wave."""
+        arrival = self.arrival(found)
+        values = self.corrected(found.grid, found.frame, arrival)
+        return CostField.of(found.frame, found.seems > 0, values, arrival)
+
+    def arrival(self, found: Arrivals) -> Field:
+        """(n, n, T) when the wave from the goal arrives."""
+        return found.everywhere()
 
     def corrected(self, grid: PoseGrid, frame: FloatArray, arrival: Field) -> Field:
         """(n, n, T) cost-to-go from the arrival: the arrival itself."""
         return arrival
 
-    def solve(self, problem: Problem) -> tuple[PoseGrid, CostField]:
-        """The grid and field of a problem, kept for when it comes again.
+    def solve(self, space: ConfigurationSpace, start: FloatArray, goal: FloatArray) -> Arrivals:
+        """The wave for a start and a goal in a space, either of which may be in collision; kept for later.
 
         Where no way through what seems free leads to the start, a finer grid may see one: gaps narrower than
         a cell can seem blocked.
         """
-        return self.solve_query(problem.space, problem.task.start, problem.task.goal)
-
-    def solve_query(
-        self, space: ConfigurationSpace, start: FloatArray, goal: FloatArray
-    ) -> tuple[PoseGrid, CostField]:
-        """`solve` for a start and a goal in a space; either may be in collision there."""
         key = space.fingerprint().encode() + start.tobytes() + goal.tobytes()
         if key not in self._kept:
             self._kept[key] = self._solve(space, start, goal)
@@ -329,27 +433,22 @@ class WaveModel:
         """The grid of a space, kept for other tasks in it."""
         key = space.fingerprint(), cells
         if key not in self._grids:
-            self._grids[key] = PoseGrid.of(space, cells, self.headings)
+            self._grids[key] = PoseGrid.of(space, cells, self.headings, self.whole)
             while len(self._grids) > _KEPT_GRIDS:
                 self._grids.popitem(last=False)
         self._grids.move_to_end(key)
         return self._grids[key]
 
-    def _solve(
-        self, space: ConfigurationSpace, start: FloatArray, goal: FloatArray
-    ) -> tuple[PoseGrid, CostField]:
+    def _solve(self, space: ConfigurationSpace, start: FloatArray, goal: FloatArray) -> Arrivals:
         cells = self.cells
         for finer in range(_FINER):
-            grid = self._grid(space, cells)
-            found = self.evaluate(grid, goal)
-            if not self.plans or finer == _FINER - 1:
-                break
-            if not fields.blocked_on_way(start, found.values, grid.closed, found.frame):
+            found = self.begin(self._grid(space, cells), goal, start)
+            if not self.plans or finer == _FINER - 1 or not found.blocked_from(start):
                 break
             cells = max(cells * 3 // 2 // 8 * 8, cells + 8)
             if not is_affordable(_grid_bytes(cells, self.headings)):
                 break
-        return grid, found
+        return found
 
 
 class Wave:
@@ -382,7 +481,7 @@ class Wave:
         return wave
 
     def begin(self, query: Query, rng: np.random.Generator, step: float) -> None:
-        """Run the wave for a query; see `CostToGo`.
+        """Begin the wave for a query; see `CostToGo`.
 
         Raises:
             InvalidInputError: A space of other than 2 or 3 dimensions.
@@ -392,30 +491,34 @@ class Wave:
                 f"wave: expected a space of 2 or 3 dimensions, got {query.space.dimension} dimensions"
             )
         self._space, self._start = query.space, query.start
-        self._grid, self._field = self.model.solve_query(query.space, query.start, query.goal)
-        frame, logits = self._field.frame, self.model.free(self._grid)
-        self.looks = self._grid.looks(frame)
-        self._free = logits > 0
-        self._sources = self._grid.beginnings(frame)
-        self._arrival = self._first = np.abs(self._field.values)  # now, and before anything was raised
-        self._slowness = self.model.slowness(self._grid, logits)
-        self._effort = np.ones_like(self._slowness)  # how many times slower poses have become
+        # Now, and before anything was raised.
+        self._now = self._first = self.model.solve(query.space, query.start, query.goal)
+        self._slow, self._effort = self._now.front.slow, self._now.front.effort
+        self.looks = self._now.grid.looks(self._now.frame)
+        self._forbidden = np.zeros((0, query.space.dimension)), np.zeros(0)  # states, and how far around them
         self._waiting = self._runs = 0  # raised since the last run, and runs since the beginning
-        self._joined = self._join(query.start[None])  # of the nodes; spare rows included
+        self._joined = self._now.join(query.start[None])  # of the nodes; spare rows included
         self._values = np.zeros(1)
         self._nodes = self._upheld = 0  # how many are joined, and how many of the values are up to date
 
     def __call__(self, states: FloatArray) -> FloatArray:
-        """(n, d') states to (n,) cost-to-go (length); infinite in collision and where all is forbidden."""
+        """(n, d') states to (n,) cost-to-go (length); infinite in collision and where it is forbidden."""
         self._run_again()
-        self._asked = self._join(states)
-        return fields.joined_values(self._asked, self._arrival, self._effort)
+        self._asked = self._now.join(states)
+        return self._allowed(states, self._now.at(self._asked))
+
+    def _allowed(self, states: FloatArray, values: FloatArray) -> FloatArray:
+        """(n,) values, infinite where states are forbidden."""
+        centres, reaches = self._forbidden
+        if reaches.size:
+            away = self._space.distance(states[:, None], centres)
+            values[(away <= reaches).any(axis=1)] = np.inf
+        return values
 
     @property
     def sees_way(self) -> bool:
         """Whether the way from the start runs only through what seems free, before anything is raised."""
-        grid, found = self._grid, self._field
-        return fields.blocked_on_way(self._start, found.values, grid.closed, found.frame) == 0
+        return not self._first.blocked_from(self._start)
 
     def plausible(self, node: int, lengths: FloatArray) -> NDArray[np.bool_]:
         """Which of the states asked for last a free motion from a node can reach.
@@ -426,11 +529,12 @@ class Wave:
             node: The node, among those that `follow` has seen.
             lengths: (n,) length of the motion to each.
         """
-        even = np.ones_like(self._effort)
-        row, (places, shares, lines) = slice(node, node + 1), self._joined
-        here = fields.Joined(places[row], shares[row], lines[row])
-        ways = [fields.joined_values(some, self._first, even) for some in (here, self._asked)]
-        return np.asarray(ways[1] >= ways[0][0] - _ROUGH * lengths)
+        here = self._rows(node, node + 1)
+        return np.asarray(self._first.at(self._asked) >= self._first.at(here)[0] - _ROUGH * lengths)
+
+    def _rows(self, first: int, last: int) -> fields.Joined:
+        places, shares, lengths = self._joined
+        return fields.Joined(places[first:last], shares[first:last], lengths[first:last])
 
     def follow(self, states: FloatArray) -> FloatArray:
         """(n,) cost-to-go of the nodes; all of them anew once the wave has run again."""
@@ -438,22 +542,18 @@ class Wave:
         n = len(states)
         if n > len(self._values):
             self._values = np.resize(self._values, 2 * n)
-            j = self._joined
+            places, shares, lengths = self._joined
             self._joined = fields.Joined(
-                np.resize(j.places, (2 * n, 9)),
-                np.resize(j.shares, (2 * n, 8)),
-                np.resize(j.lengths, (2 * n, 10)),
+                np.resize(places, (2 * n, 9)), np.resize(shares, (2 * n, 8)), np.resize(lengths, (2 * n, 10))
             )
         if n > self._nodes:
-            rows, fresh = slice(self._nodes, n), self._join(states[self._nodes : n])
-            self._joined.places[rows], self._joined.shares[rows] = fresh.places, fresh.shares
-            self._joined.lengths[rows] = fresh.lengths
+            fresh = self._now.join(states[self._nodes : n])
+            rows = self._rows(self._nodes, n)
+            rows.places[:], rows.shares[:], rows.lengths[:] = fresh
             self._nodes = n
         if n > self._upheld:
-            rows = slice(self._upheld, n)
-            places, shares, lengths = self._joined
-            some = fields.Joined(places[rows], shares[rows], lengths[rows])
-            self._values[rows] = fields.joined_values(some, self._arrival, self._effort)
+            values = self._now.at(self._rows(self._upheld, n))
+            self._values[self._upheld : n] = self._allowed(states[self._upheld : n], values)
             self._upheld = n
         values = self._values[:n]
         values.flags.writeable = False
@@ -462,13 +562,20 @@ class Wave:
     def raise_near(self, state: FloatArray, reach: float, factor: float) -> None:
         """Make the poses within ``reach``, and the nearest in any case, ``factor`` times slower.
 
-        Up to `_SLOWEST` times: a wave through what is slower yet would take for ever.
+        Up to `_SLOWEST` times: a wave through what is slower yet would take for ever. An infinite factor
+        forbids the states within reach, too, however near to other poses they are.
         """
+        if self._slow is self._now.front.slow:
+            self._slow, self._effort = self._slow.copy(), self._effort.copy()
         q = np.ascontiguousarray(state)
-        for factors in (self._slowness, self._effort):
-            fields.multiply_near(factors, q, self._field.frame, reach, factor)
+        for factors in (self._slow, self._effort):
+            fields.multiply_near(self._first.inner(factors), q, self._first.frame, reach, factor)
             if np.isfinite(factor):
                 np.minimum(factors, np.float32(_SLOWEST), out=factors, where=np.isfinite(factors))
+        if not np.isfinite(factor):
+            centres, reaches = self._forbidden
+            self._forbidden = np.vstack([centres, q]), np.append(reaches, reach)
+            self._upheld = 0
         self._waiting += 1
 
     def inspect(self, state: FloatArray, reach: float, valid: Valid) -> None:
@@ -479,24 +586,19 @@ class Wave:
 
         At the best heading; infinite where none has room.
         """
-        arrival = np.where(self._free, self._arrival, np.inf).min(axis=2).astype(np.float64)
-        frame = self._field.frame
+        now, frame = self._now, self._now.frame
+        arrival = now.everywhere()
+        field = np.where(now.seems > 0, arrival, np.inf).min(axis=2).astype(np.float64)
         left, low = (float(frame[i] - frame[fields.CELL] / 2) for i in (fields.ORIGIN_X, fields.ORIGIN_Y))
-        side = float(frame[fields.CELL]) * len(arrival)
-        return {"field": arrival, "bounds": [left, low, left + side, low + side]}
-
-    def _join(self, states: FloatArray) -> fields.Joined:
-        q = np.require(states, np.float64, ["C", "W"])
-        return fields.join(q, self._grid.room, self._free, self._field.frame, self._space.geometry)
+        return {"field": field, "bounds": [left, low, left + now.grid.side, low + now.grid.side]}
 
     def _run_again(self) -> None:
-        """Run the wave again if costs have risen; over many poses only after some more of it each time."""
-        flat = self._grid.room.shape[2] == 1
+        """Begin the wave again if costs have risen; over many poses only after some more of it each time."""
+        flat = self._now.grid.room.shape[2] == 1
         if self._waiting <= (0 if flat else self._runs // _RUNS_A_RAISE):
             return
-        frame, jump = self._field.frame, self.model.blocked * float(self._field.frame[fields.CELL])
-        arrival = fields.wave(self._slowness, self._free, self._grid.closed, jump, *self._sources, frame)
-        self._arrival = np.maximum(arrival, self._arrival)  # the wave's queue is a little untidy
+        self._now = self.model.slowed(self._now, self._start, self._slow, self._effort)
+        self._slow, self._effort = self._now.front.slow, self._now.front.effort
         self._waiting, self._upheld = 0, 0
         self._runs += 1
 

@@ -168,6 +168,6 @@ def test_options__are_checked(option: str, value: object) -> None:
 
 
 def test_options__say_how_fine_the_raster_is(walled: Walled) -> None:
-    _, guidance = begun(walled("rectangle"), cells=24, headings=12)
-    assert guidance.solver._grid.room.shape == (24, 24, 12)  # type: ignore[attr-defined]
+    _, guidance = begun(walled("rectangle"), cells=24, headings=4)
+    assert guidance.solver._now.grid.room.shape == (24, 24, 4)  # type: ignore[attr-defined]
     assert searched(walled("rectangle"), 300, cells=24, headings=12).solved

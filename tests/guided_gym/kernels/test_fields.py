@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 import shapely
 
-from guided_gym.kernels import fields
+from guided_gym.kernels import fields, marching
 from guided_gym.kernels.fields import FINE
 
 OPEN = np.zeros((0, 0, 0), np.uint8)  # links
@@ -25,7 +25,50 @@ def waved(slowness: np.ndarray, frame: np.ndarray) -> np.ndarray:
     """A wave from the poses around the goal, as if nothing were in between."""
     places, poses = fields.poses_near_goal(slowness.shape, frame, 2)
     values = np.array([fields.goal_distance(*pose, frame) for pose in poses])
-    return fields.wave(slowness.astype(np.float32), slowness <= 2, OPEN, 0.0, places, values, frame)
+    return marched(slowness, places, values, frame)
+
+
+def marched(
+    slowness: np.ndarray,
+    places: np.ndarray,
+    values: np.ndarray,
+    frame: np.ndarray,
+    target: tuple[float, ...] = (),
+) -> np.ndarray:
+    """A wave over poses of a slowness, everywhere; what it does not come to is infinite."""
+    slow = marching.bordered(slowness.astype(np.float32), np.float32(np.inf))
+    flat, shape = slow.reshape(-1), slowness.shape
+    limits = (float(slowness[np.isfinite(slowness)].max()),) * 2
+    front = marching.begin(
+        flat, np.ones_like(flat), shape, OPEN, limits, places, values, frame, np.array(target)
+    )
+    ground = ground_of(np.zeros((0, 4)), np.zeros((1, 3)), 0.0, shape[2], frame, shape[0])
+    marching.reach(front, ground, np.flatnonzero(np.isfinite(flat)))
+    return front.known.reshape(slow.shape)[1:-1, 1:-1]
+
+
+def ground_of(
+    edges: np.ndarray,
+    body: np.ndarray,
+    radius: float,
+    turns: int,
+    frame: np.ndarray | None = None,
+    n: int = N,
+) -> fields.Ground:
+    frame = frame_of() if frame is None else frame
+    return fields.unseen(edges, UNIT, frame, n, turns, np.asarray(body, np.float64), radius)
+
+
+def distances_of(edges: np.ndarray, frame: np.ndarray | None = None, n: int = N) -> np.ndarray:
+    ground = ground_of(edges, np.zeros((1, 3)), 0.0, 1, frame, n)
+    fields.look_everywhere(ground)
+    return ground.distances
+
+
+def room_of(edges: np.ndarray, body: np.ndarray, radius: float, turns: int) -> np.ndarray:
+    ground = ground_of(edges, body, radius, turns)
+    fields.look_everywhere(ground)
+    return ground.room
 
 
 def square(x0: float, y0: float, x1: float, y1: float) -> np.ndarray:
@@ -54,7 +97,7 @@ def edges_of(rng: np.random.Generator, obstacles: shapely.MultiPolygon) -> np.nd
 
 
 def test_signed_distances__by_hand() -> None:
-    found = fields.signed_distances(square(0.4, 0.4, 0.6, 0.6), UNIT, frame_of(), N)
+    found = distances_of(square(0.4, 0.4, 0.6, 0.6))
     assert found.shape == (FINE * N, FINE * N)
     sample = 0.5 / FINE  # of a cell, from the middle of the square or the rim of the bounds
     assert found[FINE * N // 2, FINE * N // 2] == pytest.approx(-0.1 * N + sample)
@@ -68,7 +111,7 @@ def test_signed_distances__agree_with_shapely(seed: int) -> None:
     obstacles = random_obstacles(rng)
     n = 24
     frame = np.array([-0.2, 0.1, 1.5 / n, 0, 0, 0, 0])  # reaches beyond the bounds on two sides
-    found = fields.signed_distances(edges_of(rng, obstacles), UNIT, frame, n).astype(np.float64) * frame[2]
+    found = distances_of(edges_of(rng, obstacles), frame, n).astype(np.float64) * frame[2]
     offsets = ((np.arange(n * FINE) + 0.5) / FINE - 0.5) * frame[2]
     x, y = np.meshgrid(frame[0] + offsets, frame[1] + offsets)
     points = shapely.points(x, y)
@@ -80,16 +123,15 @@ def test_signed_distances__agree_with_shapely(seed: int) -> None:
 
 
 def test_signed_distances__without_obstacles_are_those_to_the_bounds() -> None:
-    found = fields.signed_distances(np.zeros((0, 4)), UNIT, frame_of(), N)
+    found = distances_of(np.zeros((0, 4)))
     assert found.max() == pytest.approx(N / 2 - 0.5 / FINE)
     assert (found > 0).all()
 
 
 def test_robot_clearances__of_a_rod_depend_on_its_heading() -> None:
     walls = np.concatenate([square(0.0, 0.0, 1.0, 0.4), square(0.0, 0.6, 1.0, 1.0)])
-    distances = fields.signed_distances(walls, UNIT, frame_of(), N)
     rod = np.array([[x, 0.0, 0.0] for x in np.linspace(-0.07, 0.07, 9) * N])
-    room = fields.robot_clearances(distances, rod, 0.07 * N, 8)
+    room = room_of(walls, rod, 0.07 * N, 8)
     assert room.shape == (N, N, 8)
     along, across = room[N // 2, N // 2, 0], room[N // 2, N // 2, 2]
     assert along == pytest.approx(fields.CLIP, abs=1.0)  # (0.1 - 0.5 / N) * N, more than the clip
@@ -98,20 +140,20 @@ def test_robot_clearances__of_a_rod_depend_on_its_heading() -> None:
 
 
 def test_robot_clearances__outside_the_grid_is_no_room() -> None:
-    distances = fields.signed_distances(np.zeros((0, 4)), UNIT, frame_of(), N)
     rod = np.array([[-0.3, 0.0, 0.0], [0.0, 0.0, 0.0], [0.3, 0.0, 0.0]]) * N
-    room = fields.robot_clearances(distances, rod, 0.3 * N, 4)
+    room = room_of(np.zeros((0, 4)), rod, 0.3 * N, 4)
     assert room[N // 2, 2, 0] < 0 < room[N // 2, 2, 1]
 
 
 @pytest.mark.parametrize("seed", range(3))
 def test_robot_clearances__are_the_room_at_each_pose_of_the_grid(seed: int) -> None:
     rng = np.random.default_rng(seed)
-    distances = fields.signed_distances(edges_of(rng, random_obstacles(rng)), UNIT, frame_of(), N)
+    edges = edges_of(rng, random_obstacles(rng))
+    distances = distances_of(edges)
     body = np.column_stack([rng.uniform(-2.5, 2.5, (12, 2)), rng.uniform(0, 0.7, 12)])
     radius = float(np.max(np.hypot(body[:, 0], body[:, 1]) + body[:, 2]))
     turns = 8
-    found = fields.robot_clearances(distances, body, radius, turns)
+    found = room_of(edges, body, radius, turns)
     for r, c, t in rng.integers((N, N, turns), size=(4000, 3)):
         theta = 2 * math.pi * t / turns
         room = fields._room(distances, float(c), float(r), math.cos(theta), math.sin(theta), body, -np.inf)
@@ -125,9 +167,8 @@ def test_robot_clearances__are_the_room_at_each_pose_of_the_grid(seed: int) -> N
 
 def test_robot_clearances__of_a_fork_astride_a_post() -> None:
     """The reference point lies deep in the post, and the body does not."""
-    distances = fields.signed_distances(square(0.4, 0.4, 0.6, 0.6), UNIT, frame_of(), N)
     prongs = np.array([[x, y, 0.0] for x in (-5.0, 5.0) for y in np.linspace(-4, 4, 9)])
-    room = fields.robot_clearances(distances, prongs, 6.5, 4)
+    room = room_of(square(0.4, 0.4, 0.6, 0.6), prongs, 6.5, 4)
     assert room[N // 2, N // 2, 0] == pytest.approx(5 - 0.1 * N, abs=0.6)
 
 
@@ -150,11 +191,50 @@ def test_wave__goes_round_a_wall_and_is_slow_through_it() -> None:
 def test_wave__begins_where_it_is_told() -> None:
     places, frame = np.array([3 * N + 5, 30 * N + 30]), frame_of()
     ones = np.ones((N, N, 1), np.float32)
-    found = fields.wave(ones, ones > 0, OPEN, 0.0, places, np.array([2.0, 2.5]), frame)[..., 0]
+    found = marched(ones, places, np.array([2.0, 2.5]), frame)[..., 0]
     assert found[3, 5] == found.min() == 2.0
     assert found[30, 30] == 2.5
     assert found[3, 15] == pytest.approx(2.0 + 10 / N)
     assert found[30, 20] == pytest.approx(2.5 + 10 / N)
+
+
+def test_look__finds_a_block_as_looking_everywhere_does() -> None:
+    rng = np.random.default_rng(1)
+    edges, body = edges_of(rng, random_obstacles(rng)), np.array([[-1.5, 0.0, 0.2], [1.5, 0.0, 0.2]])
+    whole = room_of(edges, body, 1.7, 4)
+    ground = ground_of(edges, body, 1.7, 4)
+    fields.look(ground, 9, 20)
+    seen = ~np.isnan(ground.room)
+    assert 0 < seen.sum() < seen.size / 4
+    assert seen[9, 20].all()
+    assert np.array_equal(ground.room[seen], whole[seen])
+
+
+def test_wave__towards_a_target_comes_there_before_it_looks_elsewhere() -> None:
+    """And no more than a few percent late, wherever it comes; never early."""
+    slowness = np.ones((N, N, 8), np.float32)
+    slowness[:20, 15:17] = 100.0
+    frame = frame_of(weight=0.1, goal=(0.8, 0.2, 0.3))
+    places, poses = fields.poses_near_goal(slowness.shape, frame, 2)
+    values = np.array([fields.goal_distance(*pose, frame) for pose in poses])
+    slow = marching.bordered(slowness, np.float32(np.inf))
+    flat, rest = slow.reshape(-1), (slowness.shape, OPEN, (100.0, 100.0), places, values, frame)
+    ground = ground_of(np.zeros((0, 4)), np.zeros((1, 3)), 0.0, 8, frame)
+    plain = marching.begin(flat, np.ones_like(flat), *rest, np.zeros(0))
+    ahead = marching.begin(flat, np.ones_like(flat), *rest, np.array([0.2, 0.2, 0.3]))
+    target = np.array([((6 + 1) * (N + 2) + 6 + 1) * 8])
+    for front in (plain, ahead):
+        marching.reach(front, ground, target)
+    both = np.isfinite(plain.known) & np.isfinite(ahead.known)
+    assert both[target[0]]
+    assert np.isfinite(ahead.known).sum() < 0.8 * np.isfinite(plain.known).sum()
+    ratio = ahead.known[both] / np.maximum(plain.known[both], 0.1)
+    assert ratio.max() < 1.1
+    assert (ahead.known[both] >= plain.known[both] - 0.3 / N).all()  # the queue is a little untidy
+    before = ahead.known[both].copy()
+    marching.reach(ahead, ground, np.flatnonzero(np.isfinite(flat)))
+    assert np.isfinite(ahead.known[np.isfinite(flat)]).all()
+    assert np.array_equal(ahead.known[both], before)  # what has been told stands
 
 
 def test_poses_near_goal__are_the_cells_around_it_and_the_headings_beside() -> None:
@@ -272,7 +352,7 @@ def test_wave__is_the_same_at_every_heading_where_nothing_blocks(weight: float) 
 
 def test_spare_room__sees_two_obstacles_that_touch_at_a_corner() -> None:
     corner = np.concatenate([square(0.2, 0.5, 0.5, 0.8), square(0.5, 0.2, 0.8, 0.5)])
-    distances = fields.signed_distances(corner, UNIT, frame_of(), N)
+    distances = distances_of(corner)
     disc = np.zeros((1, 3))
     q, ends = np.array([0.45, 0.44]), np.array([[0.55, 0.56], [0.3, 0.44], [0.45, 0.3]])
     through, along, back = fields.spare_room(q, ends, distances, disc, frame_of(), 32)

@@ -58,32 +58,23 @@ def test_the_untrained_field_is_the_wave(name: str) -> None:
     assert np.median(np.abs(field.values - wave.values)[both]) < 1e-3 * grid.side
 
 
-def test_effort_slows_a_field_with_a_wave_and_leaves_one_without() -> None:
-    problem = point_problem()
-    grid, goal = grid_of(problem), problem.task.goal
-    effort = np.full(grid.room.shape, 2.0, np.float32)
-    still = FieldModel(replace(ARCHITECTURE, planning=False), plain_tensors(ARCHITECTURE))
-    assert np.array_equal(still.evaluate(grid, goal, effort).values, still.evaluate(grid, goal).values)
-    q = problem.task.start[None]
-    slow, fast = (model().evaluate(grid, goal, e).cost_to_go(q)[0] for e in (effort, None))
-    assert slow == pytest.approx(2 * fast, rel=0.1)
-
-
 def test_without_planning_no_finer_grid_is_tried() -> None:
     """A wall without a gap: a model with a wave looks for one in finer grids."""
     environment = Environment.from_polygons((0, 0, 1, 1), [[(0.4, 0), (0.6, 0), (0.6, 1), (0.4, 1)]])
     problem = Problem(Robot.point(), environment, Task((0.2, 0.8), (0.8, 0.8)))
     still = FieldModel(replace(ARCHITECTURE, planning=False), plain_tensors(ARCHITECTURE))
-    assert still.solve(problem)[0].room.shape[0] == ARCHITECTURE.cells
-    assert model().solve(problem)[0].room.shape[0] == 2 * ARCHITECTURE.cells
+    asked = problem.space, problem.task.start, problem.task.goal
+    assert still.solve(*asked).grid.room.shape[0] == ARCHITECTURE.cells
+    assert model().solve(*asked).grid.room.shape[0] == 2 * ARCHITECTURE.cells
 
 
 def test_a_pickled_model_says_the_same() -> None:
     problem = point_problem()
     first = model()
-    _, field = first.solve(problem)
+    asked = problem.space, problem.task.start, problem.task.goal
+    known = first.solve(*asked).front.known
     twin = pickle.loads(pickle.dumps(first))
-    assert np.array_equal(twin.solve(problem)[1].values, field.values)
+    assert np.array_equal(twin.solve(*asked).front.known, known)
 
 
 def test_without_planning_the_field_starts_from_the_distance() -> None:
@@ -115,7 +106,7 @@ def test_decoder_input__is_bounded_and_has_its_layers() -> None:
     problem = make_distribution("Trap").problem(0)
     grid = grid_of(problem)
     frame = grid.towards(problem.task.goal)
-    layers = decoder_input(grid, frame, model().arrival(grid, frame)[0])
+    layers = decoder_input(grid, frame, model().arrival(model().begin(grid, problem.task.goal)))
     assert layers.shape == (24, 24, 3 * 8 + 1)
     assert np.abs(layers).max() <= 4.0
 

@@ -16,7 +16,7 @@ from guided_gym.geometry.linkages import Linkage
 from guided_gym.geometry.robots import Robot
 from guided_gym.geometry.space import ConfigurationSpace
 from guided_gym.guidance.solvers.base import Query
-from guided_gym.guidance.solvers.wave import PoseGrid, Wave, WaveModel, body_discs
+from guided_gym.guidance.solvers.wave import Arrivals, PoseGrid, Wave, WaveModel, body_discs
 from guided_gym.kernels import fields
 from guided_gym.measure.oracle import oracle_for
 from guided_gym.problems import Problem, Task
@@ -150,13 +150,21 @@ def test_robots_that_are_not_planar_and_rigid_are_refused() -> None:
             PoseGrid.of(ConfigurationSpace(arm, environment), 24, 8)
 
 
+def solved(model: WaveModel, problem: Problem) -> Arrivals:
+    return model.solve(problem.space, problem.task.start, problem.task.goal)
+
+
+def told(found: Arrivals, q: np.ndarray) -> np.ndarray:
+    return found.at(found.join(q))
+
+
 @pytest.mark.parametrize(("gap", "cells"), [(0.06, 24), (0.04, 32), (0.03, 48), (0.0, 48)])
 def test_solve__looks_for_a_way_in_a_finer_grid(gap: float, cells: int) -> None:
     problem = with_gap(gap)
-    grid, field = WaveModel(24, 8).solve(problem)
-    assert grid.room.shape == field.values.shape == (cells, cells, 1)
-    assert field.frame[fields.CELL] == pytest.approx(1 / cells)
-    way = field.cost_to_go(problem.task.start[None])[0]
+    found = solved(WaveModel(24, 8), problem)
+    assert found.grid.room.shape == (cells, cells, 1)
+    assert found.frame[fields.CELL] == pytest.approx(1 / cells)
+    way = told(found, problem.task.start[None])[0]
     direct = 2 * np.hypot(0.3, 0.1)
     assert way > 10 if gap == 0 else way == pytest.approx(direct, rel=0.15)
 
@@ -164,57 +172,35 @@ def test_solve__looks_for_a_way_in_a_finer_grid(gap: float, cells: int) -> None:
 def test_solve__keeps_the_last_problems() -> None:
     model = WaveModel(8, 4)
     problems = [with_gap(0.3 + 0.01 * i) for i in range(9)]
-    first = model.solve(problems[0])
-    assert model.solve(with_gap(0.3)) is first  # the same content
+    first = solved(model, problems[0])
+    assert solved(model, with_gap(0.3)) is first  # the same content
     for problem in problems[1:8]:
-        model.solve(problem)
-    assert model.solve(problems[0]) is first
-    second = model.solve(problems[1])
-    model.solve(problems[8])
-    assert model.solve(problems[1]) is second
+        solved(model, problem)
+    assert solved(model, problems[0]) is first
+    second = solved(model, problems[1])
+    solved(model, problems[8])
+    assert solved(model, problems[1]) is second
     assert len(model._kept) == 8
-    assert model.solve(problems[2])[0] is not None
+    assert solved(model, problems[2]) is not None
 
 
 def test_solve__another_goal_is_another_problem() -> None:
     model, problem = WaveModel(8, 4), with_gap(0.3)
     turned = Problem(problem.robot, problem.environment, Task(problem.task.goal, problem.task.start))
-    there, back = (model.solve(each)[1] for each in (problem, turned))
+    there, back = (solved(model, each) for each in (problem, turned))
     ends = np.stack([problem.task.start, problem.task.goal])
-    assert there.cost_to_go(ends)[1] < 1 / 8 < 0.6 < there.cost_to_go(ends)[0]
-    assert back.cost_to_go(ends)[0] < 1 / 8 < 0.6 < back.cost_to_go(ends)[1]
+    assert told(there, ends)[1] < 1 / 8 < 0.6 < told(there, ends)[0]
+    assert told(back, ends)[0] < 1 / 8 < 0.6 < told(back, ends)[1]
 
 
 def test_pickling__leaves_the_fields_behind() -> None:
     model, problem = WaveModel(24, 8, blocked=50.0), with_gap(0.2)
-    before = len(pickle.dumps(model))
-    _, field = model.solve(problem)
+    before, q = len(pickle.dumps(model)), problem.task.start[None]
+    found = solved(model, problem)
     assert len(pickle.dumps(model)) == before
     twin = pickle.loads(pickle.dumps(model))
     assert twin.blocked == 50.0
-    assert np.array_equal(twin.solve(problem)[1].values, field.values)
-
-
-def test_effort__slows_the_wave() -> None:
-    model, problem = WaveModel(24, 8), with_gap(0.3)
-    grid, field = model.solve(problem)
-    start, goal = problem.task.start[None], problem.task.goal
-    effort = np.ones(grid.room.shape, np.float32)
-    assert np.array_equal(model.evaluate(grid, goal, effort).values, field.values)
-    effort[:, 11:13] = 3.0
-    slow = model.evaluate(grid, goal, effort)
-    assert slow.cost_to_go(start)[0] - field.cost_to_go(start)[0] == pytest.approx(2 * 2 / 24, rel=0.2)
-    assert np.array_equal(slow.values > 0, field.values > 0)  # what seems free is left as it was
-    beyond = np.array([[0.7, 0.6]])
-    assert slow.cost_to_go(beyond) == pytest.approx(field.cost_to_go(beyond))
-
-
-def test_effort__is_no_more_than_a_blocked_pose_takes() -> None:
-    model, problem = WaveModel(24, 8, blocked=20.0), with_gap(0.3)
-    grid = PoseGrid.of(problem.space, 24, 8)
-    slowness = model.slowness(grid, model.free(grid), np.full(grid.room.shape, 1e6, np.float32))
-    assert slowness.dtype == np.float32
-    assert (slowness == 20.0).all()
+    assert np.array_equal(told(solved(twin, problem), q), told(found, q))
 
 
 def disc(radius: float) -> Robot:
@@ -287,6 +273,40 @@ def test_wave__what_is_forbidden_on_all_ways_is_out_of_reach(walled: Callable[[s
     assert np.array_equal(solver(q), first)  # a new search has forgotten
 
 
+@pytest.mark.parametrize("robot", SEEN_BY)
+def test_wave__forbids_states_within_reach_of_an_infinite_failure(robot: str) -> None:
+    """However little that is: no other pose nearby speaks for them."""
+    asked = query(robot=SEEN_BY[robot])
+    solver, space = begun(asked, cells=24, headings=8), asked.space
+    q = space.sample(np.random.default_rng(0), 400)
+    q = q[np.isfinite(solver(q))]
+    for state in q[:5]:
+        solver.raise_near(state, 0.3, np.inf)
+    away = np.min([space.distance(q, state) for state in q[:5]], axis=0)
+    for values in (solver(q), solver.follow(q)):
+        assert np.isinf(values[away <= 0.3]).all()
+        assert np.isfinite(values[away > 2.0]).mean() > 0.9
+
+
+def test_wave__looks_only_where_it_goes_and_tells_what_a_whole_grid_tells() -> None:
+    asked = query("RandomClutter")
+    solver, whole = begun(asked), begun(asked)
+    fields.look_everywhere(whole._now.grid.ground)
+    q = np.concatenate([asked.start[None], asked.space.sample(np.random.default_rng(0), 30)])
+    first = solver(q[:1])
+    assert np.isnan(solver._now.grid.room).mean() > 0.1
+    assert np.array_equal(whole(q), solver(q))  # in whichever order one asks
+    assert np.array_equal(solver(q[:1]), first)
+
+
+def test_a_grid__has_as_few_headings_as_a_stout_robot_needs() -> None:
+    stout, thin = query("RandomClutter").space, query("RandomClutter", Robot.segment(0.8)).space
+    assert PoseGrid.of(stout, 56, 16, whole=False).room.shape == (56, 56, 12)
+    assert PoseGrid.of(stout, 56, 16).room.shape == (56, 56, 16)
+    assert PoseGrid.of(stout, 56, 8, whole=False).room.shape == (56, 56, 8)
+    assert PoseGrid.of(thin, 56, 16, whole=False).room.shape == (56, 56, 16)
+
+
 def test_wave__a_failure_at_a_state_slows_the_nearest_pose() -> None:
     asked = query(robot=Robot.point())
     solver = begun(asked, cells=24)
@@ -302,9 +322,9 @@ def test_wave__in_three_dimensions_runs_again_less_often_the_more_it_has() -> No
     runs = 0
     for k in range(60):
         solver.raise_near(asked.space.sample(np.random.default_rng(k), 1)[0], 0.3, 2.0)
-        arrival = solver._arrival
+        front = solver._now.front
         solver(asked.start[None])
-        runs += solver._arrival is not arrival
+        runs += solver._now.front is not front
         assert k > 0 or runs == 1  # the first at once
     assert 15 < runs < 30
 
