@@ -1,4 +1,4 @@
-"""OMPL's planners, watched: is its RRT ours, what does watching cost, and does memory grow?
+"""OMPL's planners, watched: is its RRT ours, what does watching cost, who is faster, and does memory grow?
 
     python benchmarks/ompl_planners.py --json ompl.json
 
@@ -9,6 +9,9 @@ goal, Welch's the SE per sample; its 95 % interval says how far apart the means 
 
 *Cost*: processor time a motion of a watched planner over that of the same planner with the same check and no
 watch; with the metric, and without. The watch also looks for the goal from each node.
+
+*Reach*: processor time a problem of the random distributions, our guidances (their preparation included, no
+metric) and the fastest of OMPL in turns; and the share of its paths that collide when looked at closely.
 
 *Memory*: what the process has grown by over the last three quarters of so many runs.
 """
@@ -36,8 +39,12 @@ from guided_gym.problems import Problem
 from guided_gym.randomness import streams
 from guided_gym.search.search import Expansion, Search
 from guided_gym.train.claims import DRAWN, PROBLEMS
+from guided_gym.train.ompl_report import BY_STATES, unprepared
 
 GOAL_BIAS = 0.05
+DRAWN_ALL = ("RandomSimplePassage", "RandomTrapCup", "RandomMaze", "RandomPointMaze", "RandomClutter")
+OURS = ("medial_axis", "wave(robot=disc)", "wave(robot=point)", "roadmap(robot=disc)", "lazy_prm", "hybrid")
+THEIRS = (("RRTConnect", 0.0005), ("RRTConnect", 0.002), ("RRTConnect", 0.0), ("BITstar", 0.0005))
 MISSED = 0.05  # the chance that the test calls equals different
 
 
@@ -156,6 +163,44 @@ class _Metric:
     def take(self, rows: object) -> None:
         """There are no bursts."""
 
+    def changed(self) -> None:
+        """Nothing is done about it."""
+
+
+def reach(environment: str, problems: int) -> dict[str, dict[str, float]]:
+    """Processor time of ours and of OMPL's, problem by problem in turns."""
+    distribution = make_distribution(environment)
+    rows: dict[str, list[tuple[float, float, float]]] = {}
+    for seed in range(-1, problems):  # the first one loads what is compiled
+        problem = distribution.problem(max(seed, 0))
+        done = [(name, _ours(unprepared(problem), name, max(seed, 0))) for name in OURS]
+        for planner, resolution in THEIRS:
+            alone = OmplPlanner(planner, resolution=resolution, seconds=10.0).alone(
+                problem, seed=max(seed, 0), by_states=resolution >= BY_STATES
+            )
+            found = alone.path is not None
+            check = f"{100 * resolution:g} %" if resolution else "certified"
+            done.append((f"ompl:{planner}, {check}", (alone.processor, found, found and not alone.free)))
+        for name, row in done if seed >= 0 else ():
+            rows.setdefault(name, []).append(row)
+    table = {}
+    for name, runs in rows.items():
+        seconds, solved, colliding = np.array(runs, float).T
+        table[name] = {
+            "median_ms": 1e3 * float(np.median(seconds)),
+            "mean_ms": 1e3 * float(seconds.mean()),
+            "solved": float(solved.mean()),
+            "colliding": float(colliding.sum() / max(solved.sum(), 1)),
+        }
+    return table
+
+
+def _ours(problem: Problem, guidance: str, seed: int) -> tuple[float, float, float]:
+    assert problem.space.scale > 0  # the space and the step are known by now, as they are for OMPL
+    began = time.process_time()
+    result = guided_search(problem, guidance, seed=seed, measure=False)
+    return time.process_time() - began, result.solved, False
+
 
 def memory(planner: str, runs: int) -> float:
     """MiB that the process grows by over the last three quarters of the runs."""
@@ -180,9 +225,11 @@ def main() -> None:
     parser.add_argument("--seeds", type=int, default=500)
     parser.add_argument("--turns", type=int, default=10)
     parser.add_argument("--runs", type=int, default=1000)
-    parser.add_argument("--part", choices=("alike", "cost", "memory"), action="append")
+    parser.add_argument("--part", choices=("alike", "cost", "reach", "memory"), action="append")
+    parser.add_argument("--problems", type=int, default=128)
+    parser.add_argument("--environment", action="append", help="of the part reach; all the random ones")
     options = parser.parse_args()
-    parts, screen = options.part or ["alike", "cost", "memory"], Console(highlight=False)
+    parts, screen = options.part or ["alike", "cost", "reach", "memory"], Console(highlight=False)
     found: dict[str, Any] = {}
     if "alike" in parts:
         for environment in (*PROBLEMS, DRAWN):
@@ -192,6 +239,11 @@ def main() -> None:
         for planner in planner_names():
             found[f"cost, {planner}"] = cost_of_watching(planner, 600, options.turns)
             screen.print(planner, found[f"cost, {planner}"])
+    if "reach" in parts:
+        for environment in options.environment or DRAWN_ALL:
+            found[f"reach, {environment}"] = reach(environment, options.problems)
+            for name, row in found[f"reach, {environment}"].items():
+                screen.print(environment, name, {key: round(value, 3) for key, value in row.items()})
     if "memory" in parts:
         for planner in ("RRT", "RRTConnect", "BITstar", "PRM", "AORRTC"):
             found[f"memory, {planner}"] = memory(planner, options.runs)

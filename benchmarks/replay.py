@@ -52,6 +52,9 @@ class _Tracing:
     def take(self, rows: np.ndarray) -> None:
         raise AssertionError("asked one by one")
 
+    def changed(self) -> None:
+        """No planner is watched here."""
+
 
 def record(guidance: str, nodes: int, samples: int, path: Path) -> None:
     """Search TrapCup until the tree has so many nodes, solved or not, and write the trace."""

@@ -15,13 +15,21 @@ from typing import Any, Final
 
 REPOSITORY: Final = Path(__file__).resolve().parents[1]
 # Files of the repository that have a page, or lie beside the pages, and where.
-ELSEWHERE: Final = {
+ELSEWHERE: Final[dict[str, str]] = {
     "README.md": "overview.md",
     "CONTRIBUTING.md": "contributing.md",
     "CHANGELOG.md": "changelog.md",
     "LICENSE": "LICENSE.txt",
     "CITATION.cff": "CITATION.cff",
 }
+# Programs that pages link to; browsers show a text, and mkdocs leaves out *.py.
+ELSEWHERE.update(
+    (f"examples/{path}", f"examples/{path}.txt")
+    for path in sorted(
+        file.relative_to(REPOSITORY / "examples").as_posix()
+        for file in (REPOSITORY / "examples").rglob("*.py")
+    )
+)
 REFERENCE: Final = "reference"
 ROOMS: Final = {
     "problems": "Problems",

@@ -173,11 +173,6 @@ def guided_search(
     guidance = make_searcher(guidance)
     if isinstance(guidance, WatchedPlanner):
         check_watched(guidance, expansion, distributions, options or SearchOptions())
-        if trace is not None and not guidance.traceable:
-            raise InvalidInputError(
-                "trace: expected a planner whose nodes are all samples of one tree, "
-                f"got {guidance.expression}"
-            )
     _, expansion_rng, guidance_rng = streams(seed)
     search = Search(problem, expansion_rng, guidance_rng, options)
     metric = Measure(search) if measure else None  # solves the oracle before the clock starts
@@ -190,7 +185,8 @@ def guided_search(
     with _traced(trace) as writer:
         recorder = _Recorder(search, guide, metric, distributions, writer)
         if writer is not None:
-            writer.begin(search, guide=guide, measure=metric, seed=seed, labels=labels)
+            watched = guidance if isinstance(guidance, WatchedPlanner) else None
+            writer.begin(search, guide=guide, planner=watched, measure=metric, seed=seed, labels=labels)
         began, burnt = time.perf_counter(), time.process_time()
         run(max_samples, watcher=recorder, progress=progress)
         whole = time.perf_counter() - began
@@ -341,6 +337,13 @@ class _Recorder:
                 row[3], row[6] = self._metric.choice(int(row[0]), int(row[2]))
         self._blocks.append(block)
         self.seconds += time.perf_counter() - began
+
+    def changed(self) -> None:
+        """What the tree has gained without a sample, for the trace."""
+        if self._trace is not None:
+            began = time.perf_counter()
+            self._trace.gained()
+            self.seconds += time.perf_counter() - began
 
     def _close_block(self) -> None:
         self._blocks.append(np.array(self._rows, np.float64).reshape(-1, 7))

@@ -151,6 +151,17 @@ def test_links_are_turned(site: types.ModuleType, source: str, name: str, link: 
     assert site.turned_links(link, source, name) == turned
 
 
+@pytest.mark.parametrize("page", PAGES, ids=[str(page.relative_to(REPOSITORY)) for page in PAGES])
+def test_what_pages_link_to_is_on_the_site(site: types.ModuleType, page: Path) -> None:
+    source = str(page.relative_to(REPOSITORY))
+    if not source.startswith("docs/") and source not in site.ELSEWHERE:
+        return  # no page of the site
+    for target in re.findall(r"\]\(([^)\s#]+)", without_code(page)):
+        there = page.parent.joinpath(target).resolve()
+        if "://" not in target and not there.is_relative_to(REPOSITORY / "docs"):
+            assert there.relative_to(REPOSITORY).as_posix() in site.ELSEWHERE, target
+
+
 def test_a_broken_link_of_the_site_is_found(site: types.ModuleType, tmp_path: Path) -> None:
     (tmp_path / "b").mkdir()
     (tmp_path / "b" / "index.html").write_text('<h2 id="there">x</h2><img src="../a.png">')

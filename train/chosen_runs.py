@@ -12,7 +12,7 @@ from typing import Final, NoReturn
 from guided_gym.errors import InvalidInputError
 from guided_gym.train.evaluation import Plan, run_once
 from guided_gym.train.results import Results, Run
-from guided_gym.train.specs import file_label, made
+from guided_gym.train.specs import file_label
 
 TRACES: Final = "traces"
 """The folder of traces within that of an evaluation."""
@@ -109,8 +109,7 @@ def trace_runs(
     wanted = [
         (plan, run, names)
         for plan in plans
-        # Not of a planner of another library whose tree its samples do not tell.
-        if results.has(plan.environment, plan.spec.label) and getattr(made(plan.spec), "traceable", True)
+        if results.has(plan.environment, plan.spec.label)
         for run, names in _chosen(results.group(plan.environment, plan.spec.label), words)
     ]
     found: list[Chosen] = []

@@ -27,6 +27,7 @@ from guided_gym.train.terminal import console, drawing_status, end_on_sigterm, e
 if TYPE_CHECKING:
     from rich.console import Console
 
+    from guided_gym.compute.workers import Executor
     from guided_gym.train.evaluation import Plan
     from guided_gym.train.results import Results
 
@@ -323,10 +324,10 @@ def reproduce(
     from guided_gym.train.reproduction import reproduce as run
     from guided_gym.train.reproduction import reproduce_arms, save_report
 
-    if ompl:
-        _reproduce_ompl(seeds, given["workers"], out)
-        return
     doing = executor_of(given)
+    if ompl:
+        _reproduce_ompl(seeds, doing, out)
+        return
     if arms:
         out, figures = out / "arms", False  # the figures are of the plane
         with progress_bar("Asking of an arm", out) as progress:
@@ -343,7 +344,7 @@ def reproduce(
     _name_files(screen, out, written)
 
 
-def _reproduce_ompl(seeds: int, workers: int, out: Path) -> None:
+def _reproduce_ompl(seeds: int, workers: Executor, out: Path) -> None:
     """OMPL's planners: three tables, in a folder of their own."""
     from guided_gym.train.ompl_report import markdown, ompl_report, save_ompl_report
 

@@ -522,6 +522,9 @@ class _Lessons:
     def take(self, rows: NDArray[np.int32]) -> None:
         """Nothing: learned guidance runs in no bursts."""
 
+    def changed(self) -> None:
+        """No planner is watched here."""
+
 
 def _mixed(*numbers: int) -> int:
     """One seed of several numbers."""

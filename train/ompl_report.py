@@ -6,22 +6,25 @@ it, with its own check of motions at two resolutions; and the length of the path
 
 from __future__ import annotations
 
+import copy
 import json
 import math
 import time
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
 
-from guided_gym.compute.workers import map_tasks
+from guided_gym.compute.workers import Executor, Workers, executor_of, map_tasks
 from guided_gym.errors import InvalidInputError, StorageError
-from guided_gym.planners.ompl import OmplPlanner, planner_names
+from guided_gym.guidance.registry import make_searcher
+from guided_gym.planners.ompl import FAMILY, OmplPlanner, planner_names
 from guided_gym.planning import guided_search
 from guided_gym.storage.whole_file import write_whole
+from guided_gym.train.arm_claims import ARM, WAVE
 from guided_gym.train.claims import DRAWN, PROBLEMS
 from guided_gym.train.evaluation import UNSUITABLE, Plan, checked_seeds, run_plans
 from guided_gym.train.results import Results
@@ -32,11 +35,14 @@ from guided_gym.train.table import save, save_records, summarise
 if TYPE_CHECKING:
     from guided_gym.problems import Problem
 
-ENVIRONMENTS: Final = (*PROBLEMS, DRAWN, "RandomTrapCup", "RandomMaze")
-OURS: Final = ("rrt", "lazy_prm", "medial_axis", "hybrid")
+ENVIRONMENTS: Final = (*PROBLEMS, DRAWN, "RandomTrapCup", "RandomMaze", ARM)
+OURS: Final = ("rrt", "lazy_prm", "medial_axis", "hybrid", "wave(robot=disc)")
+CUT: Final = ("AORRTC", "BITstar", "InformedRRTstar", "SORRTstar")  # an arm's joints have to be, for these
+OURS_OF_ARMS: Final = ("rrt", "lazy_prm", "medial_axis", "prm", WAVE)  # a disc in an arm is its base
 RESOLUTIONS: Final = (0.0, 0.01, 0.0005)  # certified; OMPL's own default; twenty times as fine
 BY_STATES: Final = 0.005  # resolution from which OMPL asks state by state: finer ones are quicker in one call
 ANYTIME: Final = ("RRTstar", "InformedRRTstar", "SORRTstar", "BITstar", "AORRTC")
+SECONDS: Final = 10.0  # that a planner may take unwatched
 MOMENTS: Final = (0.03, 0.1, 0.3, 1.0)  # seconds at which lengths are compared
 TIMED: Final = ("Cup", "TrapCup")  # on which they are
 TIMED_SEEDS: Final = 16
@@ -99,7 +105,7 @@ def ompl_report(
     environments: Sequence[str] = ENVIRONMENTS,
     planners: Sequence[str] | None = None,
     seeds: int = 128,
-    workers: int = 1,
+    workers: Workers = 1,
     out: str | Path = "results/ompl",
     progress: Progress | None = None,
 ) -> OmplReport:
@@ -109,7 +115,7 @@ def ompl_report(
         environments: Names from the catalogue.
         planners: Of OMPL; all that its wheel binds if None.
         seeds: Runs of each planner on each environment.
-        workers: Processes.
+        workers: Processes on this machine, or another executor.
         out: Folder of the results.
         progress: Called with (done, total, what is going on).
 
@@ -117,23 +123,36 @@ def ompl_report(
         InvalidInputError: OMPL is missing, or a number is out of range.
         StorageError: The folder cannot be read or written.
     """
-    wanted, folder = checked_seeds(seeds), Path(out)
+    wanted, folder, doing = checked_seeds(seeds), Path(out), executor_of(workers)
     planners = planner_names() if planners is None else planners
-    names = [*OURS, *(f"ompl:{name}" for name in planners)]
-    plans = [Plan(environment, GuidanceSpec(name)) for environment in environments for name in names]
+    plans = [
+        Plan(environment, GuidanceSpec(name))
+        for environment in environments
+        for name in (*ours(environment), *(f"ompl:{expression(environment, name)}" for name in planners))
+    ]
     say = (lambda what: None) if progress is None else (lambda what: partial(_named, progress, what))
-    results = run_plans(plans, seeds=wanted, workers=workers, out=folder, progress=say("Watching OMPL"))
+    results = run_plans(plans, seeds=wanted, workers=doing, out=folder, progress=say("Watching OMPL"))
     tasks = [
         (environment, planner, resolution, seed)
         for environment in environments
-        for planner in (*OURS, *planners)
-        for resolution in (RESOLUTIONS if planner in planners else (0.0,))
+        for planner in (*ours(environment), *(expression(environment, name) for name in planners))
+        for resolution in ((0.0,) if planner in ours(environment) else RESOLUTIONS)
         for seed in wanted
     ]
-    unwatched = _all_unwatched(tasks, folder / UNWATCHED_FILE, workers, say("OMPL by itself"))
+    unwatched = _all_unwatched(tasks, folder / UNWATCHED_FILE, doing, say("OMPL by itself"))
     timed = [name for name in TIMED if name in environments]
     lengths = _lengths(timed, wanted[:TIMED_SEEDS], say("Lengths over time"))
     return OmplReport(results, unwatched, lengths)
+
+
+def ours(environment: str) -> tuple[str, ...]:
+    """Our guidances that are run beside OMPL's planners on an environment."""
+    return OURS_OF_ARMS if environment == ARM else OURS
+
+
+def expression(environment: str, planner: str) -> str:
+    """A planner of OMPL as it is asked for on an environment."""
+    return f"{planner}(angles=cut)" if environment == ARM and planner in CUT else planner
 
 
 def _named(progress: Progress, what: str, done: int, total: int) -> None:
@@ -143,7 +162,7 @@ def _named(progress: Progress, what: str, done: int, total: int) -> None:
 def _all_unwatched(
     tasks: Sequence[tuple[str, str, float, int]],
     file: Path,
-    workers: int,
+    workers: Executor,
     progress: Callable[[int, int], None] | None,
 ) -> list[Unwatched]:
     """Those that the file has, and the others, which it gets."""
@@ -153,7 +172,7 @@ def _all_unwatched(
     done = len(tasks) - len(missing)
     try:
         with file.open("a", encoding="utf-8") as lines:
-            for rows in map_tasks(_unwatched_batch, batches, workers if missing else 1, None):
+            for rows in map_tasks(_unwatched_batch, batches, workers if missing else 1):
                 for row in rows:
                     lines.write(json.dumps(asdict(row)) + "\n")
                     there[row.key] = row
@@ -195,7 +214,9 @@ def unwatched(environment: str, planner: str, resolution: float, seed: int) -> U
         NoPathError: It has no path.
     """
     problem, optimum = _posed(environment, seed)
-    if planner in OURS:
+    problem = unprepared(problem)
+    if planner in ours(environment):
+        assert problem.space.scale > 0  # the space and the step are known by now, as they are for OMPL
         began = time.process_time()
         result = guided_search(problem, planner, seed=seed, measure=False)
         spent = time.process_time() - began
@@ -203,9 +224,9 @@ def unwatched(environment: str, planner: str, resolution: float, seed: int) -> U
             environment, planner, 0.0, seed, result.solved, result.solved, spent,
             result.collision_checks + result.looks, result.length / (optimum or 1.0), code_fingerprint(),
         )  # fmt: skip
-    alone = OmplPlanner(planner, resolution=resolution, seconds=10.0).alone(
-        problem, seed=seed, by_states=resolution >= BY_STATES
-    )
+    watched = make_searcher(f"{FAMILY}:{planner}", resolution=resolution, seconds=SECONDS)
+    assert isinstance(watched, OmplPlanner)  # what the family makes
+    alone = watched.alone(problem, seed=seed, by_states=resolution >= BY_STATES)
     ratio = math.nan
     if alone.path is not None:
         ratio = float(problem.space.distance(alone.path[:-1], alone.path[1:]).sum()) / (optimum or 1.0)
@@ -213,6 +234,11 @@ def unwatched(environment: str, planner: str, resolution: float, seed: int) -> U
         environment, planner, resolution, seed, alone.path is not None, alone.free, alone.processor,
         alone.looks, ratio, code_fingerprint(),
     )  # fmt: skip
+
+
+def unprepared(problem: Problem) -> Problem:
+    """The problem in a workspace for which no guiding space has prepared anything yet."""
+    return replace(problem, environment=copy.copy(problem.environment))
 
 
 def _posed(environment: str, seed: int) -> tuple[Problem, float]:
@@ -278,7 +304,7 @@ def truth_records(report: OmplReport) -> list[dict[str, Any]]:
         records.append(
             {
                 "environment": environment,
-                "guidance": planner if planner in OURS else f"ompl:{planner}",
+                "guidance": planner if planner in ours(environment) else f"ompl:{planner}",
                 "check": f"{100 * resolution:g} %" if resolution else "certified",
                 "seeds": len(rows),
                 "solved": len(found) / len(rows),
@@ -301,11 +327,11 @@ def fastest(records: Sequence[dict[str, Any]], environment: str) -> tuple[dict[s
         InvalidInputError: There is none.
     """
     here = [r for r in records if r["environment"] == environment and r["solved"] >= 0.95]
-    ours = [r for r in here if r["guidance"] in OURS]
-    theirs = [r for r in here if r["guidance"] not in OURS and r["colliding"] <= 0.01]
-    if not ours or not theirs:
+    mine = [r for r in here if r["guidance"] in ours(environment)]
+    theirs = [r for r in here if r["guidance"].startswith(f"{FAMILY}:") and r["colliding"] <= 0.01]
+    if not mine or not theirs:
         raise InvalidInputError(f"{environment}: expected planners that solve 95 %, got none")
-    return min(ours, key=_time), min(theirs, key=_time)
+    return min(mine, key=_time), min(theirs, key=_time)
 
 
 def _time(record: dict[str, Any]) -> float:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import base64
 import json
 import math
+import struct
 from collections.abc import Callable, Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
@@ -50,6 +51,8 @@ _COMPARED: Final = (
     "processor",
 )
 _UNITS: Final = ("%", "median", "mean", "nats", "ms", "µs a sample")
+_PNG: Final = b"\x89PNG\r\n\x1a\n"
+_FIGURE_SCALE: Final = 0.55  # CSS pixels for one of a figure's
 _FIGURES: Final = {
     "efficiency": "Sampling efficiency over samples, and how many searches are solved",
     "regions": "Total SE by region of the selected node",
@@ -410,10 +413,15 @@ def _figures(folder: Path, environment: str) -> str:
         file = folder / "figures" / f"{file_label(environment)}-{name}.png"
         if not file.is_file():
             continue
-        data = base64.b64encode(file.read_bytes()).decode("ascii")
+        png = file.read_bytes()
+        if not png.startswith(_PNG) or len(png) < 24:
+            continue  # cut off, or no picture
+        # The same scale for all: letters are as large in a narrow figure as in a wide one.
+        width, height = (round(_FIGURE_SCALE * side) for side in struct.unpack(">II", png[16:24]))
+        data = base64.b64encode(png).decode("ascii")
         shown.append(
-            f'<figure><img src="data:image/png;base64,{data}" alt="{escaped(caption)}" loading="lazy">'
-            f"<figcaption>{escaped(caption)}</figcaption></figure>"
+            f'<figure><img src="data:image/png;base64,{data}" alt="{escaped(caption)}" width="{width}" '
+            f'height="{height}" loading="lazy"><figcaption>{escaped(caption)}</figcaption></figure>'
         )
     return f"<h3>Figures</h3>{''.join(shown)}" if shown else ""
 

@@ -75,7 +75,7 @@ def shown_lines(header: Row, rows: Iterable[Row], problem: Problem) -> list[Row]
     shown = {key: value for key, value in header.items() if key not in _HIDDEN}
     shown["scene"] = scene_of(problem)
     digits = digits_of(problem.environment.extent)
-    return [shown, *(rounded_row(row, digits) if "n" in row else row for row in rows)]
+    return [shown, *(_rounded(row, digits) for row in rows)]
 
 
 def note_rest(lines: list[Row], shown: int, beyond: int) -> None:
@@ -83,6 +83,12 @@ def note_rest(lines: list[Row], shown: int, beyond: int) -> None:
     lines[0]["notices"] = [
         f"The search has {shown + beyond:,} samples, of which the first {shown:,} are shown."
     ]
+
+
+def _rounded(row: Row, digits: int) -> Row:
+    if "also" in row:
+        return {**row, "also": [rounded_row(node, digits) for node in row["also"]]}
+    return rounded_row(row, digits) if "n" in row else row
 
 
 def rounded_row(row: Row, digits: int) -> Row:

@@ -55,7 +55,6 @@ OTHERS: Final = (
     "EST", "LazyLBTRRT", "LazyPRM", "LazyPRMstar", "LazyRRT", "LBTRRT", "Lightning", "pRRT", "ProjEST",
     "pSBL", "RLRT", "RRTsharp", "RRTXstatic", "SBL", "SPARS", "SPARStwo", "SST", "STRIDE", "Thunder", "TRRT",
 )  # fmt: skip
-_ONE_TREE: Final = ("RRT", "KPIECE1", "FMT")  # whose every node is a sample, never rewired
 _NOT_OPTIONS: Final = ("Name", "ProblemDefinition", "ProjectionEvaluator", "DefaultConnectionStrategy")
 _TYPES: Final = {"float": float, "int": int, "bool": bool}
 _COMMON: Final = ("resolution", "seconds", "angles", "first")
@@ -260,7 +259,7 @@ class OmplPlanner(WatchedPlanner):
         if angles not in ANGLES:
             raise InvalidInputError(f"angles: expected {' or '.join(map(repr, ANGLES))}, got {angles!r}")
         self.angles, self.first = angles, flag("first", first)
-        self.traceable = planner in _ONE_TREE and self.resolution == 0 and self.first
+        self.certified = self.resolution == 0
         self._query: Query | None = None
         self.history: list[tuple[int, float, float]] = []
 
@@ -305,7 +304,7 @@ class OmplPlanner(WatchedPlanner):
         query, self._query = self._query, None
         if query is None:
             return
-        search.tree.certified = self.resolution == 0
+        search.tree.certified = self.certified
         states, certified = query.states, search.space.motion_free
         watch = Watch(
             search,

@@ -147,8 +147,11 @@ class Query:
             questions.ending = base.plannerOrTerminationCondition(
                 questions.ending, base.exactSolnPlannerTerminationCondition(self.definition)
             )
-        with quiet(self._ompl):
-            self._checked(lambda: self.planner.solve(questions.ending))
+        try:
+            with quiet(self._ompl):
+                self._checked(lambda: self.planner.solve(questions.ending))
+        finally:  # OMPL holds the questions, and a condition that looks for a solution holds OMPL's problem
+            questions.watch = questions.ending = None
         if questions.trouble is not None:
             raise questions.trouble
         if not self.definition.hasExactSolution():

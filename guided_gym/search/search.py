@@ -88,6 +88,9 @@ class Watcher(Protocol):
     def take(self, rows: NDArray[np.int32]) -> None:
         """Rows of a burst: selected node and new node of each sample, in hindsight."""
 
+    def changed(self) -> None:
+        """The tree has changed without a sample: nodes, or one new parent, of a watched planner."""
+
 
 class Search:
     """One search in progress: the problem, its tree, and the step that grows it.

@@ -35,12 +35,12 @@ class WatchedPlanner(ABC):
     Attributes:
         name: The name in tables and on the command line.
         expression: The expression that it was made of, for messages.
-        traceable: Whether its samples alone tell its tree: one tree, never rewired, of certified motions.
+        certified: Whether the motions that it takes for free are certified.
     """
 
     name: ClassVar[str] = ""
     expression: str = ""
-    traceable: bool = False
+    certified: bool = True
 
     @abstractmethod
     def prepare(self, search: Search) -> None:
@@ -113,6 +113,7 @@ class Watch:
         self._links: dict[State, list[State]] = {}  # free motions with no end in T
         self._looked: State | None = None
         self._left = limit
+        self._reached = False  # whether the last sample reached the goal
         self._costs: dict[int, float] = {ROOT: 0.0}  # as far as they were asked for since the last rewiring
         self.over = search.solved and first
         self.history: list[tuple[int, float, float]] = []
@@ -148,6 +149,7 @@ class Watch:
         )
         search.tries[kind] += 1
         self._left -= kind != WITHIN
+        before = len(search.tree), search.tree.rewirings
         if not free:
             pass
         elif one is not None and other is not None:
@@ -159,6 +161,8 @@ class Watch:
         else:
             self._links.setdefault(first, []).append(second)
             self._links.setdefault(second, []).append(first)
+        if self._watcher is not None and (len(search.tree), search.tree.rewirings) != before:
+            self._watcher.changed()
         self._note()
         return free
 
@@ -172,13 +176,13 @@ class Watch:
         search.samples += 1
         search.collision_checks += 1
         self._left -= 1
-        child, contact = NO_NODE, None
+        child, contact, self._reached = NO_NODE, None, False
         if free:
             child = self._join(node, state, target)
         else:
             contact = interpolate(q, target, search.space.first_contact(q, target), search.space.metric)
             search.tree.add_failure(node, target, contact)
-        search.last = Expansion(node, target, child, contact, search.solved)
+        search.last = Expansion(node, target, child, contact, self._reached)
         if watcher is not None:
             watcher.after(search.last)
         if self._progress is not None:
@@ -210,7 +214,7 @@ class Watch:
         if state == self._goal or (
             task.tolerance > 0 and separation(q, search.goal, search.space.metric) <= task.tolerance
         ):
-            search.reach(node)
+            self._reach(node)
         elif task.by_edge and self._goal not in self._nodes:
             search.collision_checks += 1
             if self._check(q, search.goal):
@@ -221,10 +225,14 @@ class Watch:
         """A free motion leads from a node to the goal."""
         search = self._search
         if search.tree.certified:
-            search.reach(node)
+            self._reach(node)
         else:  # by the planner's own check: the path has to keep that edge
-            search.reach(search.tree.add(search.goal, node, float(search.space.distance(q, search.goal))))
+            self._reach(search.tree.add(search.goal, node, float(search.space.distance(q, search.goal))))
             self._states.append(self._goal)
+
+    def _reach(self, node: int) -> None:
+        self._reached = True
+        self._search.reach(node)
 
     def _note(self) -> None:
         """After a motion: a shorter path, or the end."""

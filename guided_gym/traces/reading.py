@@ -14,16 +14,30 @@ from numpy.typing import NDArray
 
 from guided_gym.catalogue.files import problem_of
 from guided_gym.errors import StorageError
+from guided_gym.kernels.metric import separation
 from guided_gym.options import SearchOptions
 from guided_gym.problems import Problem
 from guided_gym.search.search import Search
-from guided_gym.traces.writing import FORMAT
+from guided_gym.traces.writing import CERTIFIED, FORMAT, SAMPLED
 
 _FAMILY: Final = "guided-gym trace "
 LONGEST_LINE: Final = 2**27  # characters; problems of a million corners have less
 NUMBERS: Final = ("h", "s", "b", "t")  # of a sample, where they are known
 
 Row = dict[str, Any]
+
+
+@dataclass(frozen=True)
+class Gain:
+    """What the tree of a watched planner gained without a sample.
+
+    Attributes:
+        nodes: (parent, configuration) of each new node.
+        parents: (node, its new parent) of the edges that were replaced.
+    """
+
+    nodes: tuple[tuple[int, NDArray[np.float64]], ...]
+    parents: tuple[tuple[int, int], ...]
 
 
 @dataclass(frozen=True)
@@ -60,6 +74,8 @@ class Trace:
         path: The file.
         header: Its first line.
         samples: One per sample.
+        gains: What the tree gained without a sample, each with the number of samples before it; only those
+            of watched planners do.
         end: Its last line; None if the trace ends early.
         trouble: Why the trace ends early; empty if it does not.
     """
@@ -67,7 +83,13 @@ class Trace:
     def __init__(self, path: Path) -> None:
         reader = TraceReader(path)
         self.path, self.header = path, reader.header
-        self.samples = [_sample(row) for row in reader if "n" in row]
+        self.samples: list[Sample] = []
+        self.gains: list[tuple[int, Gain]] = []
+        for row in reader:
+            if "n" in row:
+                self.samples.append(_sample(row))
+            elif "also" in row:
+                self.gains.append((len(self.samples), _gain(row)))
         self.end, self.trouble = reader.end, reader.trouble
 
     def __len__(self) -> int:
@@ -88,7 +110,10 @@ class Trace:
         return problem_of(self.header["problem"], self.path)
 
     def replay(self) -> Search:
-        """The search, grown again from the choices alone: the same tree, rewiring included.
+        """The search, grown again from the choices: the same tree, rewiring included.
+
+        What a watched planner's tree gained without a sample is taken from the trace; so is, where its
+        motions were sampled and not certified, what became of them.
 
         Raises:
             StorageError: Something else became of a sample than the trace says.
@@ -97,7 +122,19 @@ class Trace:
         rng = np.random.default_rng(0)  # nobody draws from it
         options = SearchOptions(step=self.header["step"], rewire=self.header["rewire"])
         search = Search(self.problem, rng, rng, options)
-        for number, sample in enumerate(self.samples):
+        search.tree.certified = certified = self.header["watched"] != SAMPLED
+        gains = iter([*self.gains, (len(self.samples) + 1, Gain((), ()))])
+        due, gain = next(gains)
+        for number in range(len(self.samples) + 1):
+            while due == number:
+                _take(search, gain)
+                due, gain = next(gains)
+            if number == len(self.samples):
+                break
+            sample = self.samples[number]
+            if not certified:
+                _believe(search, sample)
+                continue
             before = search.tree.parents.copy()
             expansion = search.expand(sample.node, sample.target)
             parents = before if expansion.failed else np.append(before, np.int32(sample.node))
@@ -162,7 +199,7 @@ class TraceReader:
                 file.readline(LONGEST_LINE)
                 while line := file.readline(LONGEST_LINE):
                     number += 1
-                    if seen >= self._wanted and not line.startswith('{"end"'):
+                    if seen >= self._wanted and not line.startswith('{"end"'):  # nor what comes between
                         self.beyond += line.startswith('{"n"')
                         continue
                     row = self._parsed(line, nodes)
@@ -170,7 +207,7 @@ class TraceReader:
                         self.end = row["end"]
                         return
                     seen += "n" in row
-                    nodes += "n" in row and "c" not in row
+                    nodes += ("n" in row and "c" not in row) + len(row.get("also", ()))
                     yield row
             self.trouble = f"it stops after line {number}"
         except _UnreadableError as error:
@@ -187,11 +224,13 @@ class TraceReader:
             raise _UnreadableError("is no JSON object")
         if "n" in row:
             self._check_sample(row, nodes)
+        elif "also" in row:
+            self._check_gain(row, nodes)
         elif "view" in row:
             if not _index(row["view"], self._guides):
                 raise _UnreadableError(f"has no guide {row['view']!r}")
         elif not isinstance(row.get("end"), dict):
-            raise _UnreadableError("is neither a sample, nor a view, nor the end")
+            raise _UnreadableError("is neither a sample, nor a gain, nor a view, nor the end")
         return row
 
     def _check_sample(self, row: Row, nodes: int) -> None:
@@ -204,13 +243,49 @@ class TraceReader:
             raise _UnreadableError("has a text where a number should be")
         if "g" in row and not _index(row["g"], self._guides):
             raise _UnreadableError(f"has no guide {row['g']!r}")
-        size = nodes + ("c" not in row)
+        self._check_pairs(row, nodes + ("c" not in row))
+
+    def _check_gain(self, row: Row, nodes: int) -> None:
+        added = row["also"]
+        if self.header["watched"] is None or not isinstance(added, list):
+            raise _UnreadableError("adds nodes that no guided search adds")
+        for i, node in enumerate(added):
+            if not (isinstance(node, dict) and _index(node.get("n"), nodes + i)):
+                raise _UnreadableError("adds a node to one that is not there")
+            if not _vector(node.get("x"), self.dimension):
+                raise _UnreadableError(f"needs {self.dimension} numbers as 'x'")
+            if "t" in node and not _number(node["t"]):
+                raise _UnreadableError("has a text where a number should be")
+        self._check_pairs(row, nodes + len(added))
+
+    def _check_pairs(self, row: Row, size: int) -> None:
         pairs = row.get("w", [])
         if not isinstance(pairs, list) or not all(
             isinstance(pair, list) and len(pair) == 2 and all(_index(one, size) for one in pair)
             for pair in pairs
         ):
             raise _UnreadableError("rewires nodes that are not there")
+
+
+def _take(search: Search, gain: Gain) -> None:
+    """Let a tree gain what it gained without a sample."""
+    tree, metric = search.tree, search.space.metric
+    for parent, q in gain.nodes:
+        tree.add(q, parent, separation(tree.nodes.configurations[parent], q, metric))
+    for node, parent in gain.parents:
+        a, b = tree.nodes.configurations[parent], tree.nodes.configurations[node]
+        tree.rewire(node, parent, separation(a, b, metric))
+
+
+def _believe(search: Search, sample: Sample) -> None:
+    """Have become of a sample what the trace says: its motion was not certified."""
+    tree = search.tree
+    search.samples += 1
+    if sample.contact is None:
+        q = tree.nodes.configurations[sample.node]
+        tree.add(sample.target, sample.node, separation(q, sample.target, search.space.metric))
+    else:
+        tree.add_failure(sample.node, sample.target, sample.contact)
 
 
 def _same(a: NDArray[np.float64] | None, b: NDArray[np.float64] | None) -> bool:
@@ -236,6 +311,10 @@ def _checked_header(path: Path, line: str) -> Row:
     start = problem.get("start") if isinstance(problem, dict) else None
     if not (isinstance(start, list) and start and _vector(start, len(start))):
         raise StorageError(f"{path}: expected a problem with a start in the first line, got none")
+    if header.setdefault("watched", None) not in (None, CERTIFIED, SAMPLED):
+        raise StorageError(
+            f"{path}: expected {CERTIFIED!r}, {SAMPLED!r} or null as 'watched', got {header['watched']!r}"
+        )
     guides = header.setdefault("guides", [])
     if not (isinstance(guides, list) and all(isinstance(name, str) for name in guides)):
         raise StorageError(f"{path}: expected the guides' names in the first line, got {guides!r}")
@@ -254,6 +333,11 @@ def _index(value: object, size: int) -> bool:
 
 def _vector(value: object, size: int) -> bool:
     return isinstance(value, list) and len(value) == size and all(map(_number, value))
+
+
+def _gain(row: Row) -> Gain:
+    nodes = tuple((node["n"], np.array(node["x"], np.float64)) for node in row["also"])
+    return Gain(nodes, tuple((node, parent) for node, parent in row.get("w", [])))
 
 
 def _sample(row: Row) -> Sample:

@@ -21,8 +21,12 @@ from guided_gym.traces.views import GuideView, leaf_guides
 if TYPE_CHECKING:
     from guided_gym.guidance.base import GuidingSpace
     from guided_gym.search.search import Search
+    from guided_gym.search.watch import WatchedPlanner
 
 FORMAT: Final = "guided-gym trace 1"
+CERTIFIED: Final = "certified"
+SAMPLED: Final = "sampled"
+"""How a watched planner's motions were checked."""
 
 
 @runtime_checkable
@@ -97,6 +101,7 @@ class TraceWriter:
         search: Search,
         *,
         guide: GuidingSpace | None = None,
+        planner: WatchedPlanner | None = None,
         measure: Work | None = None,
         seed: int | None = None,
         labels: Mapping[str, str | None] | None = None,
@@ -106,12 +111,15 @@ class TraceWriter:
         Args:
             search: The search, before its first sample.
             guide: Who selects, prepared; None where nobody can be asked.
+            planner: Who selects and expands by itself, watched; None for a guide. Its tree may change without
+                a sample; call `gained` when it has.
             measure: The metric, for the work remaining of the nodes; None where nothing is measured.
             seed: Seed of the search, for people.
             labels: What else to say, for people: ``guidance``, ``expansion``, ``title``.
         """
         self._search, self._guide, self._measure = search, guide, measure
         self._rewired, self._parents = search.tree.rewirings, np.zeros(0, np.int32)
+        self._known, self._watched = len(search.tree), planner is not None
         self._chosen: dict[str, Any] = {}
         self._leaves = leaf_guides(guide)
         space, target = search.space, search.options.target
@@ -123,6 +131,7 @@ class TraceWriter:
             "guides": [label_of(leaf) for leaf in self._leaves],
             "step": float(search.planner.step),
             "rewire": search.options.rewire,
+            "watched": None if planner is None else CERTIFIED if planner.certified else SAMPLED,
             "metric": {"weights": space.weights.tolist(), "periods": space.periods.tolist()},
             "target": vars(target) if measure is not None else None,
             "optimum": float(measure.optimum) if measure is not None else None,
@@ -138,7 +147,7 @@ class TraceWriter:
         """A node was selected; the tree has not changed yet. None where only `became` will say which."""
         search, guide = self._search, self._guide
         self._chosen = {"n": node}
-        if search.options.rewire:
+        if search.options.rewire or self._watched:
             self._parents = search.tree.parents.copy()
         if guide is None or node is None:
             return
@@ -179,18 +188,38 @@ class TraceWriter:
             if math.isfinite(value):
                 row[key] = float(value)
         if self._search.tree.rewirings != self._rewired:
-            row["w"] = self._new_parents(expansion)
+            row["w"] = self._new_parents(np.append(self._parents, np.int32(expansion.node)))
         if expansion.reached_goal:
             row["r"] = 1
         self._write(row)
+        self._known += expansion.contact is None
+        if self._watched:
+            self.gained()
         for view in self._views:
             self._write_all(view.changes())
 
-    def _new_parents(self, expansion: Expansion) -> list[list[int]]:
-        """(node, its new parent) of each edge that this sample replaced."""
+    def gained(self) -> None:
+        """Write what the tree of a watched planner has gained since the last line: nodes, or a new parent."""
+        tree = self._search.tree
+        row: dict[str, Any] = {"also": [self._node(i) for i in range(self._known, len(tree))]}
+        if tree.rewirings != self._rewired:
+            row["w"] = self._new_parents(np.append(self._parents, tree.parents[self._parents.size :]))
+        if row["also"] or "w" in row:
+            self._write(row)
+        self._known, self._parents = len(tree), tree.parents.copy()
+
+    def _node(self, node: int) -> dict[str, Any]:
+        """A node that no sample added."""
+        tree = self._search.tree
+        row = {"n": int(tree.parents[node]), "x": tree.configurations[node].tolist()}
+        if self._measure is not None:
+            row["t"] = float(self._measure.work_remaining[node])
+        return row
+
+    def _new_parents(self, before: NDArray[np.int32]) -> list[list[int]]:
+        """(node, its new parent) of each edge that was replaced, of all parents as they were."""
         tree = self._search.tree
         self._rewired = tree.rewirings
-        before = np.append(self._parents, np.int32(expansion.node))
         changed = np.flatnonzero(before != tree.parents)
         return [[int(node), int(tree.parents[node])] for node in changed]
 

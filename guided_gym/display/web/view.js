@@ -132,7 +132,7 @@
       this.version = 0; // of parents, costs and with them energies
       this.energy = []; this._lowest = [];
       this._measured = Number.isFinite(header.work) && !!header.target;
-      this._static = this._measured && header.target.normalisation !== "tree" && !header.rewire;
+      this._static = this._measured && header.target.normalisation !== "tree" && !header.rewire && !header.watched;
       if (this._static) this._addEnergy(0);
     }
 
@@ -158,6 +158,7 @@
       const row = typeof line === "string" ? JSON.parse(line) : line;
       if (row.view !== undefined) return this._pushView(row);
       if (row.end !== undefined) { this.end = row.end; return; }
+      if (row.also !== undefined) return this._gain(row);
       if (!(row.n >= 0 && row.n < this.nodes)) throw new Error(`no node ${row.n}`);
       this._toEnd();
       const target = row.x;
@@ -176,7 +177,7 @@
       } else {
         this.child.push(this.nodes);
         this.failure.push(-1);
-        this._grow(row, target);
+        this._grow(row, target, this.samples + 1);
       }
       this.samples += 1;
       if (row.w) for (const [node, parent] of row.w) this._rewire(node, parent);
@@ -186,14 +187,27 @@
       if (row.w) this._recost();
     }
 
-    _grow(row, target) {
+    /** What the tree of a watched planner gained without a sample: shown with the sample before. */
+    _gain(row) {
+      this._toEnd();
+      for (const node of row.also) {
+        if (!(node.n >= 0 && node.n < this.nodes)) throw new Error(`no node ${node.n}`);
+        if (!Array.isArray(node.x) || node.x.length !== this.d) throw new Error("no configuration");
+        this._grow(node, node.x, this.samples);
+      }
+      for (const [node, parent] of row.w || []) this._rewire(node, parent);
+      this.sizes[this.samples] = this.nodes;
+      if (row.w) this._recost(); else this.version += 1;
+    }
+
+    _grow(row, target, born) {
       const child = this.nodes;
       this.q.push(...target);
       this._point(target, this.x, this.y);
       this.parent.push(row.n);
       this.cost.push(this.cost[row.n] + this.distance(row.n, child));
       this.tau.push(row.t ?? NaN);
-      this.born.push(this.samples + 1);
+      this.born.push(born);
       if (this._static) this._addEnergy(child);
     }
 

@@ -23,6 +23,7 @@ from guided_gym import (
     Problem,
     Robot,
     Search,
+    StorageError,
     Task,
     UnknownNameError,
     guided_search,
@@ -34,7 +35,7 @@ from guided_gym import (
 from guided_gym.guidance.registry import make_searcher
 from guided_gym.planners import ompl as planners
 from guided_gym.planners.ompl import OmplPlanner
-from guided_gym.planners.query import Query
+from guided_gym.planners.query import Query, Questions
 from guided_gym.planners.spaces import StateSpace
 
 ompl = pytest.importorskip("ompl", reason="the extra ompl is not installed")
@@ -371,6 +372,19 @@ def test_memory__does_not_grow(cup: Problem) -> None:
     assert (pages() - before) * 4096 < 2 * 2**20
 
 
+@pytest.mark.parametrize("resolution", [0.0, 0.01])
+def test_memory__nothing_outlives_a_run_unwatched(resolution: float, cup: Problem) -> None:
+    """OMPL holds who answers it, who held its condition to end, which held OMPL: nobody could free them."""
+
+    def left() -> int:
+        gc.collect()
+        return sum(isinstance(thing, Questions) for thing in gc.get_objects())
+
+    before = left()
+    assert planner("RRT", resolution=resolution).alone(cup, seed=0).path is not None
+    assert left() == before
+
+
 # Bad input --------------------------------------------------------------------------------------------------
 
 
@@ -495,19 +509,39 @@ def test_where_a_guiding_space_is_needed__planners_are_refused(use: Callable[[],
         use()
 
 
-@pytest.mark.parametrize("name", ["RRT", "KPIECE1", "FMT"])
+@pytest.mark.parametrize("name", [*planners.planner_names(), "RRT(resolution=0.01)", "RRTstar(first=false)"])
 def test_trace__grows_the_same_tree_again(name: str, cup: Problem, tmp_path: Path) -> None:
+    """Nodes that no sample added, and other parents, included; sampled motions are taken from the trace."""
     result = guided_search(cup, f"ompl:{name}", seed=0, max_samples=150, trace=tmp_path / "trace.jsonl")
-    tree = read_trace(tmp_path / "trace.jsonl").replay().tree
+    trace = read_trace(tmp_path / "trace.jsonl")
+    tree = trace.replay().tree
+    assert trace.trouble == ""
+    assert len(trace) == result.samples
     assert np.array_equal(tree.configurations, result.tree.configurations)
     assert np.array_equal(tree.parents, result.tree.parents)
     assert np.array_equal(tree.contacts, result.tree.contacts)
+    assert tree.cost_to_come == pytest.approx(result.tree.cost_to_come)
+    joined = sum(len(gain.nodes) for _, gain in trace.gains)
+    assert len(tree) == 1 + joined + sum(sample.contact is None for sample in trace.samples)
+    assert sum(len(gain.parents) for _, gain in trace.gains) == result.tree.rewirings
 
 
-@pytest.mark.parametrize("text", ["ompl:RRTConnect", "ompl:RRTstar", "ompl:RRT(resolution=0.01)"])
-def test_trace__of_what_samples_alone_do_not_tell_is_refused(text: str, cup: Problem, tmp_path: Path) -> None:
-    with pytest.raises(InvalidInputError, match="trace"):
-        guided_search(cup, text, seed=0, trace=tmp_path / "trace.jsonl")
+def test_trace__with_a_gain_that_fits_nowhere_ends_there(cup: Problem, tmp_path: Path) -> None:
+    file = tmp_path / "trace.jsonl"
+    guided_search(cup, "ompl:RRTConnect", seed=0, max_samples=1000, trace=file)
+    lines = file.read_text().splitlines(keepends=True)
+    at = next(i for i, line in enumerate(lines) if line.startswith('{"also"'))
+    for gain in ('{"also":[{"n":999,"x":[1,1,1]}]}', '{"also":[{"n":0,"x":[1,1]}]}', '{"also":7}',
+                 '{"also":[],"w":[[0,999]]}', '{"also":[{"n":0,"x":[1,1,1],"t":"far"}]}'):  # fmt: skip
+        file.write_text("".join([*lines[:at], gain + "\n", *lines[at + 1 :]]))
+        trace = read_trace(file)
+        assert f"line {at + 1} " in trace.trouble
+        assert trace.end is None
+    file.write_text("".join(lines).replace('"watched":"certified"', '"watched":null', 1))
+    assert "no guided search adds" in read_trace(file).trouble
+    file.write_text("".join(lines).replace('"watched":"certified"', '"watched":"hardly"', 1))
+    with pytest.raises(StorageError, match="'watched'"):
+        read_trace(file)
 
 
 @pytest.mark.parametrize("option", [{"expansion": "uniform"}, {"distributions": True}])

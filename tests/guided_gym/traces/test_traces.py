@@ -192,7 +192,7 @@ def test_read__a_truncated_trace_is_read_up_to_there(problem: Problem, tmp_path:
         ('{"n":0,"x":[1,1,1],"g":3}', "has no guide 3"),
         ('{"n":0,"x":[1,1,1],"w":[[5,0]]}', "rewires nodes that are not there"),
         ('{"view":4,"cells":true}', "has no guide 4"),
-        ('{"what":1}', "is neither a sample, nor a view, nor the end"),
+        ('{"what":1}', "is neither a sample, nor a gain, nor a view, nor the end"),
     ],
 )
 def test_read__ends_at_the_first_line_that_is_none(
