@@ -22,12 +22,13 @@ ELSEWHERE: Final[dict[str, str]] = {
     "LICENSE": "LICENSE.txt",
     "CITATION.cff": "CITATION.cff",
 }
-# Programs that pages link to; browsers show a text, and mkdocs leaves out *.py.
+# Programs and their settings, which pages link to; browsers show a text, and mkdocs leaves out *.py.
 ELSEWHERE.update(
     (f"examples/{path}", f"examples/{path}.txt")
     for path in sorted(
         file.relative_to(REPOSITORY / "examples").as_posix()
-        for file in (REPOSITORY / "examples").rglob("*.py")
+        for file in (REPOSITORY / "examples").rglob("*")
+        if file.suffix in (".py", ".yml", ".toml")
     )
 )
 REFERENCE: Final = "reference"
