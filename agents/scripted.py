@@ -10,6 +10,8 @@ import gymnasium
 import numpy as np
 from numpy.typing import NDArray
 
+from guided_gym.checks import shown
+from guided_gym.doors import door, doors
 from guided_gym.envs.guided_search_env import GuidedSearchEnv
 from guided_gym.errors import GuidedGymError, InvalidInputError, UnknownOptionError
 from guided_gym.guidance.base import GuidingSpace
@@ -32,6 +34,7 @@ class Agent(Protocol):
         """The action for an observation."""
 
 
+@doors
 class GuidanceAgent:
     """A guiding space that acts: it selects the nodes, as in `guided_search`.
 
@@ -107,10 +110,11 @@ def _same(guidance: str | GuidingSpace | None, expansion: str | GuidingSpace) ->
 def _unwrapped(env: gymnasium.Env[Any, Any]) -> GuidedSearchEnv:
     inner = getattr(env, "unwrapped", env)
     if not isinstance(inner, GuidedSearchEnv):
-        raise InvalidInputError(f"env: expected a GuidedSearchEnv (wrapped or not), got {inner!r}")
+        raise InvalidInputError(f"env: expected a GuidedSearchEnv (wrapped or not), got {shown(inner)}")
     return inner
 
 
+@doors
 class RandomAgent:
     """Samples the action space, or only its valid part.
 
@@ -167,11 +171,13 @@ AGENTS: Final[dict[str, Callable[..., Agent]]] = {
 }
 
 
+@door
 def agent_names() -> list[str]:
     """Names that `make_agent` knows: the guiding spaces, then the others."""
     return [*guidance_names(), *AGENTS]
 
 
+@door
 def make_agent(
     agent: str | GuidingSpace, /, env: gymnasium.Env[Any, Any] | None = None, **options: Any
 ) -> Agent:
@@ -228,6 +234,7 @@ class EpisodeResult:
         return float(self.efficiency.sum())
 
 
+@door
 def rollout(
     env: gymnasium.Env[Any, Any], agent: Agent, seed: int | None = None, **reset_options: Any
 ) -> EpisodeResult:

@@ -10,6 +10,7 @@ import numpy as np
 from gymnasium import spaces
 from numpy.typing import NDArray
 
+from guided_gym.doors import doors
 from guided_gym.envs.guided_search_env import OPTIONS, GuidedSearchEnv, as_index
 from guided_gym.errors import UnknownOptionError
 from guided_gym.guidance.base import GuidingSpace
@@ -31,6 +32,7 @@ _NOBODY: Final = -1  # a node that there is not: what an invalid choice of a gui
 SELECTION_OPTIONS: Final = ("guides", *(name for name in OPTIONS if name not in _OWN))
 
 
+@doors
 class GuideSelectionEnv(gymnasium.Env[NDArray[np.float32], int]):
     """A hybrid search: choose the guiding space that guides the next sample.
 

@@ -19,9 +19,10 @@ from guided_gym.catalogue.distributions import FixedProblem, OtherTasks, Problem
 from guided_gym.catalogue.problem_set import ProblemSet, open_problem_set
 from guided_gym.catalogue.splits import Split, in_split
 from guided_gym.catalogue.table import make_distribution
-from guided_gym.checks import affordable, flag, integer
+from guided_gym.checks import affordable, flag, integer, shown
 from guided_gym.display.notebook import search_html
 from guided_gym.display.pages import escaped
+from guided_gym.doors import doors
 from guided_gym.envs.observations import Observation, Observer, TreeObservation, node_bytes, valid_nodes
 from guided_gym.envs.rewards import Choice, Reward, make_reward
 from guided_gym.errors import (
@@ -79,6 +80,7 @@ OPTIONS: Final = (
 )
 
 
+@doors
 class GuidedSearchEnv(gymnasium.Env[Observation, Action]):
     """A growing search tree: choose the node to expand, and be rewarded by how well chosen it was.
 
@@ -423,7 +425,7 @@ class GuidedSearchEnv(gymnasium.Env[Observation, Action]):
         if "problem" in options:
             problem = options["problem"]
             if not isinstance(problem, Problem):
-                raise InvalidInputError(f"options['problem']: expected a Problem, got {problem!r}")
+                raise InvalidInputError(f"options['problem']: expected a Problem, got {shown(problem)}")
             distribution = FixedProblem(problem)
         starts, goals = _chosen(options, "start"), _chosen(options, "goal")
         return distribution if starts is goals is None else OtherTasks(distribution, starts, goals)
@@ -464,7 +466,7 @@ class GuidedSearchEnv(gymnasium.Env[Observation, Action]):
             InvalidInputError: With ``on_invalid="raise"``.
         """
         if self._raises:
-            raise InvalidInputError(f"action: expected {expected}, got {action!r}")
+            raise InvalidInputError(f"action: expected {expected}, got {shown(action)}")
 
     def _info(
         self, efficiency: float = math.nan, best: float = math.nan, invalid: bool = False
@@ -560,7 +562,7 @@ def _checked_sizes(max_nodes: int | None, max_samples: int | None) -> tuple[int,
 
 def _checked_target(target: TargetParameters, max_nodes: int) -> TargetParameters:
     if not isinstance(target, TargetParameters):
-        raise InvalidInputError(f"target: expected TargetParameters, got {target!r}")
+        raise InvalidInputError(f"target: expected TargetParameters, got {shown(target)}")
     if target.epsilon == 0:
         raise InvalidInputError("target: expected epsilon > 0 (log epsilon is a reward), got 0")
     if target.epsilon * max_nodes >= 1:
@@ -578,7 +580,9 @@ def _own_observer(observe: Observer | None, raster: int, angles: int) -> Observe
         return TreeObservation(raster, angles)
     for method in ("build", "reset", "update", "extract"):
         if not callable(getattr(observe, method, None)):
-            raise InvalidInputError(f"observe: expected an object with a method {method}, got {observe!r}")
+            raise InvalidInputError(
+                f"observe: expected an object with a method {method}, got {shown(observe)}"
+            )
     return copy.deepcopy(observe)
 
 
@@ -595,7 +599,7 @@ def _as_distribution(distribution: str | ProblemDistribution | Problem) -> Probl
         return FixedProblem(distribution)
     if not isinstance(distribution, ProblemDistribution):
         raise InvalidInputError(
-            f"distribution: expected a name, a ProblemDistribution or a Problem, got {distribution!r}"
+            f"distribution: expected a name, a ProblemDistribution or a Problem, got {shown(distribution)}"
         )
     return distribution
 
@@ -609,7 +613,9 @@ def _chosen(options: Mapping[str, Any], name: str) -> list[Any] | None:
         raise InvalidInputError(f"options: expected {name} or {several}, got both")
     given = options[several] if several in options else [options[name]]
     if isinstance(given, str | bytes | Mapping) or not hasattr(given, "__len__") or not len(given):
-        raise InvalidInputError(f"options[{several!r}]: expected configurations, at least one, got {given!r}")
+        raise InvalidInputError(
+            f"options[{several!r}]: expected configurations, at least one, got {shown(given)}"
+        )
     return list(given)
 
 
@@ -618,7 +624,7 @@ def _built(
 ) -> ProblemSet:
     """The problem set of a file, if it is one of that distribution."""
     if not isinstance(path, str | Path):
-        raise InvalidInputError(f"problems: expected the name of a problem set's file, got {path!r}")
+        raise InvalidInputError(f"problems: expected the name of a problem set's file, got {shown(path)}")
     problems = open_problem_set(path)
     problems.check(distribution, tolerance, by_edge)
     return problems
@@ -631,7 +637,7 @@ def _own_expander(expansion: str | GuidingSpace) -> GuidingSpace | None:
     """
     if not isinstance(expansion, str | GuidingSpace):
         raise InvalidInputError(
-            f"expansion: expected 'uniform' or a guiding space or its name, got {expansion!r}"
+            f"expansion: expected 'uniform' or a guiding space or its name, got {shown(expansion)}"
         )
     return make_expander(expansion) if isinstance(expansion, str) else copy.deepcopy(expansion)
 
@@ -647,4 +653,4 @@ def as_index(action: object, of: str) -> int:
     try:
         return operator.index(action)  # type: ignore[arg-type]
     except TypeError:
-        raise InvalidInputError(f"action: expected the index of {of}, got {action!r}") from None
+        raise InvalidInputError(f"action: expected the index of {of}, got {shown(action)}") from None

@@ -13,6 +13,7 @@ from gymnasium import spaces
 from numpy.typing import NDArray
 
 from guided_gym.checks import affordable, integer
+from guided_gym.doors import door, doors
 from guided_gym.errors import InvalidInputError, warn
 from guided_gym.geometry.environment import Environment
 from guided_gym.geometry.mechanism import Mechanism
@@ -98,6 +99,7 @@ class Observer(Protocol):
         """The observation: fresh arrays, in the observation space."""
 
 
+@door
 def valid_nodes(search: Search, max_nodes: int) -> NDArray[np.bool_]:
     """(max_nodes,) bool, True for the nodes that may be expanded: all there are, so never none."""
     mask = np.zeros(max_nodes, np.bool_)
@@ -105,6 +107,7 @@ def valid_nodes(search: Search, max_nodes: int) -> NDArray[np.bool_]:
     return mask
 
 
+@door
 def node_table(observation: Mapping[str, NDArray[Any]], columns: int = COLUMNS) -> NDArray[np.float32]:
     """The node features of an observation (or of a batch) as a table: (..., N * F) to (..., N, F)."""
     nodes = observation["nodes"]
@@ -116,6 +119,7 @@ def node_bytes(max_nodes: int, angles: int = 1) -> int:
     return max_nodes * (4 * columns_of(angles) + 5)
 
 
+@door
 def rollout_bytes(max_nodes: int = 256, raster: int = 64, environments: int = 8, steps: int = 2048) -> int:
     """Bytes of a PPO rollout buffer over the default observation, with masks.
 
@@ -128,6 +132,7 @@ def rollout_bytes(max_nodes: int = 256, raster: int = 64, environments: int = 8,
     return environments * steps * (max_nodes * (4 * COLUMNS + 9) + raster**2 + 64)
 
 
+@doors
 class TreeObservation:
     """The default observation: a flat Dict of padded arrays.
 

@@ -15,7 +15,9 @@ import numpy as np
 
 from guided_gym.catalogue.distributions import ProblemDistribution
 from guided_gym.catalogue.table import make_distribution
-from guided_gym.compute.workers import WORKER_DIED, start_workers, stop_workers
+from guided_gym.checks import integer
+from guided_gym.compute.workers import WORKER_DIED, checked_workers, start_workers, stop_workers
+from guided_gym.doors import doors
 from guided_gym.errors import GuidedGymError, InvalidInputError
 from guided_gym.measure.oracle import Oracle, oracle_for, remember
 from guided_gym.problems import Problem
@@ -40,6 +42,7 @@ class _Source(NamedTuple):
         return _Prepared(problem, oracle_for(problem.space, problem.task.goal, start=problem.task.start))
 
 
+@doors
 class ProblemPool(ProblemDistribution):
     """The problems of a sequence of seeds, in that order, each with its oracle, prepared in the background.
 
@@ -82,9 +85,8 @@ class ProblemPool(ProblemDistribution):
         goal_tolerance: float | None = None,
         goal_edge: bool | None = None,
     ) -> None:
-        for name, value, least in (("workers", workers, 0), ("ahead", ahead, 1)):
-            if not isinstance(value, int | np.integer) or isinstance(value, bool) or value < least:
-                raise InvalidInputError(f"{name}: expected an integer >= {least}, got {value!r}")
+        checked_workers(workers, least=0)
+        integer("ahead", ahead, least=1)
         if isinstance(distribution, str):
             distribution = make_distribution(distribution)
         self.name = distribution.name

@@ -16,6 +16,7 @@ import numpy as np
 import shapely
 from numpy.typing import NDArray
 
+from guided_gym.checks import shown
 from guided_gym.envs import palette
 from guided_gym.envs.palette import Colour
 from guided_gym.errors import GuidedGymError, InvalidInputError
@@ -82,9 +83,9 @@ class Renderer:
 
     def __init__(self, size: int = DEFAULT_SIZE, fps: int = 30) -> None:
         if size < SMALLEST_SIZE:
-            raise InvalidInputError(f"size: expected at least {SMALLEST_SIZE} pixels, got {size!r}")
+            raise InvalidInputError(f"size: expected at least {SMALLEST_SIZE} pixels, got {shown(size)}")
         if fps <= 0:
-            raise InvalidInputError(f"fps: expected a positive number, got {fps!r}")
+            raise InvalidInputError(f"fps: expected a positive number, got {shown(fps)}")
         self.size, self.fps = int(size), fps
         self._pygame = import_pygame()
         self._scene: _Scene | None = None

@@ -10,7 +10,8 @@ from typing import Final, Protocol, TypeVar, runtime_checkable
 import numpy as np
 from numpy.typing import NDArray
 
-from guided_gym.checks import number
+from guided_gym.checks import number, shown
+from guided_gym.doors import doors
 from guided_gym.errors import InvalidInputError, UnknownNameError
 from guided_gym.measure.target import Measure, jensen_shannon
 from guided_gym.options import TargetParameters
@@ -55,6 +56,7 @@ class MeasuredReward(Reward, Protocol):
         """The reward of SE and the best possible SE of a choice, or of many (n,), in nats."""
 
 
+@doors
 class EfficiencyReward:
     """-SE: -log Q(u) for a node u, -D_KL(P || Q) for a distribution P (paper, Sampling Efficiency).
 
@@ -112,6 +114,7 @@ class SampleReward:
         return -1.0
 
 
+@doors
 class JensenShannonReward:
     """-D_JS(P || Q), between -log 2 and 0; P is one-hot where a node was chosen."""
 
@@ -205,6 +208,6 @@ def make_reward(reward: str | Mapping[str, float] | Reward) -> Reward:
     if not (callable(reward) and hasattr(reward, "worst")):
         raise InvalidInputError(
             f"reward: expected a name ({', '.join(REWARDS)}) or an object with __call__ and worst, "
-            f"got {reward!r}"
+            f"got {shown(reward)}"
         )
     return reward

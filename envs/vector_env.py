@@ -15,7 +15,7 @@ from gymnasium.vector import AutoresetMode, SyncVectorEnv, VectorEnv
 from gymnasium.vector.utils import batch_space
 from numpy.typing import NDArray
 
-from guided_gym.checks import affordable, integer
+from guided_gym.checks import affordable, integer, shown
 from guided_gym.envs.guided_search_env import (
     NO_REGION,
     GuidedSearchEnv,
@@ -554,7 +554,7 @@ class GuidedSearchVectorEnv(VectorEnv[Any, Any, Any]):
         if not good or not mask.any():
             raise InvalidInputError(
                 f"options['reset_mask']: expected ({self.num_envs},) booleans, at least one of them True, "
-                f"got {mask!r}"
+                f"got {shown(mask)}"
             )
         if not (self._dimension.astype(bool) | mask).all():
             raise GuidedGymError("expected a reset of all environments before one of some")

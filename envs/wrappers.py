@@ -12,7 +12,8 @@ from gymnasium import spaces
 from gymnasium.utils import RecordConstructorArgs
 from numpy.typing import NDArray
 
-from guided_gym.checks import integer
+from guided_gym.checks import integer, shown
+from guided_gym.doors import doors
 from guided_gym.envs.guide_selection_env import GuideSelectionEnv
 from guided_gym.envs.guided_search_env import GuidedSearchEnv
 from guided_gym.envs.observations import COLUMNS, MAX_COST, NodeColumn, node_table
@@ -22,6 +23,7 @@ from guided_gym.traces.writing import TraceWriter
 _TABLES = ("nodes", "parents")  # what the graph stands for
 
 
+@doors
 class GraphObservation(
     gymnasium.ObservationWrapper[dict[str, Any], Any, dict[str, NDArray[Any]]], RecordConstructorArgs
 ):
@@ -65,6 +67,7 @@ class GraphObservation(
         return {"graph": _graph(observation), **rest}
 
 
+@doors
 class MaskedObservation(
     gymnasium.ObservationWrapper[dict[str, NDArray[Any]], Any, dict[str, NDArray[Any]]], RecordConstructorArgs
 ):
@@ -106,7 +109,7 @@ class MaskedObservation(
         boxes = {key: space.spaces.get(key) for key in self._parts}
         for key, part in boxes.items():
             if not isinstance(part, spaces.Box):
-                raise InvalidInputError(f"parts: expected some of {', '.join(space)}, got {key!r}")
+                raise InvalidInputError(f"parts: expected some of {', '.join(space)}, got {shown(key)}")
         ends = [
             (part.low.ravel(), part.high.ravel()) for part in boxes.values() if isinstance(part, spaces.Box)
         ]
@@ -140,6 +143,7 @@ def _graph(observation: dict[str, NDArray[Any]]) -> spaces.GraphInstance:
     return spaces.GraphInstance(nodes, lengths, np.stack([parents, children], axis=1))
 
 
+@doors
 class RecordSearch(gymnasium.Wrapper[Any, Any, Any, Any], RecordConstructorArgs):
     """Writes the search of each episode as a trace, which `guided-gym replay` plays (docs/replay.md).
 

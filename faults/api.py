@@ -8,6 +8,7 @@ import io
 import math
 import tempfile
 from collections.abc import Callable, Iterator
+from enum import Enum
 from pathlib import Path
 from typing import Any
 
@@ -50,6 +51,11 @@ def _good() -> dict[str, list[Any]]:
     }  # fmt: skip
 
 
+def _only_a_promise(thing: type) -> bool:
+    """Whether Python itself makes no object of a class: a protocol, an enumeration, or an abstract one."""
+    return inspect.isabstract(thing) or issubclass(thing, Enum) or getattr(thing, "_is_protocol", False)
+
+
 def _callables() -> Iterator[tuple[str, Callable[..., Any]]]:
     """Everything public that can be called, and what its classes offer beside their constructors."""
     for name in gg.__all__:
@@ -57,7 +63,7 @@ def _callables() -> Iterator[tuple[str, Callable[..., Any]]]:
         if (
             name in _LEFT_OUT
             or not callable(thing)
-            or (isinstance(thing, type) and issubclass(thing, Exception))
+            or (isinstance(thing, type) and (issubclass(thing, Exception) or _only_a_promise(thing)))
         ):
             continue
         yield name, thing

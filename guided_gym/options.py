@@ -7,6 +7,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 from guided_gym.checks import affordable, count, flag, instance, integer, number, shown
+from guided_gym.doors import doors
 from guided_gym.errors import InvalidInputError
 
 DEFAULT_CANDIDATES = 16
@@ -53,6 +54,7 @@ def checked_resolution(resolution: Sequence[int]) -> tuple[int, ...]:
     return counts
 
 
+@doors
 @dataclass(frozen=True)
 class TargetParameters:
     """Parameters of the target distribution Q (paper, Sampling Efficiency).
@@ -78,12 +80,15 @@ class TargetParameters:
             number(name, getattr(self, name), above=0)
         number("epsilon", self.epsilon, least=0, below=1)
         if self.normalisation not in ("start", "tree"):
-            raise InvalidInputError(f"normalisation: expected 'start' or 'tree', got {self.normalisation!r}")
+            raise InvalidInputError(
+                f"normalisation: expected 'start' or 'tree', got {shown(self.normalisation)}"
+            )
 
 
 DEFAULT_TARGET = TargetParameters()
 
 
+@doors
 @dataclass(frozen=True)
 class OracleOptions:
     """How exactly the oracle knows d_C, and what it may spend on it.
@@ -112,7 +117,7 @@ class OracleOptions:
 
     def __post_init__(self) -> None:
         if self.method not in (None, "grid", "roadmap"):
-            raise InvalidInputError(f"method: expected 'grid', 'roadmap' or None, got {self.method!r}")
+            raise InvalidInputError(f"method: expected 'grid', 'roadmap' or None, got {shown(self.method)}")
         if self.resolution is not None:
             object.__setattr__(self, "resolution", checked_resolution(self.resolution))
         for name in ("mean", "tail"):
@@ -129,6 +134,7 @@ class OracleOptions:
 DEFAULT_ORACLE = OracleOptions()
 
 
+@doors
 @dataclass(frozen=True)
 class SearchOptions:
     """How a search expands and is measured; independent of who chooses the nodes.

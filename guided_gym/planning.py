@@ -15,6 +15,7 @@ from typing import TYPE_CHECKING, Final
 import numpy as np
 from numpy.typing import NDArray
 
+from guided_gym.doors import door
 from guided_gym.errors import InvalidInputError
 from guided_gym.guidance.base import GuidingSpace
 from guided_gym.guidance.registry import make_expander, make_searcher
@@ -132,6 +133,7 @@ class SearchResult:
         return str(importlib.import_module(_NOTEBOOK).result_html(self))
 
 
+@door
 def guided_search(
     problem: Problem,
     guidance: GuidingSpace | WatchedPlanner | str,

@@ -15,7 +15,8 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from shapely.geometry.base import BaseGeometry
 
-from guided_gym.checks import flag, instance, number, vector
+from guided_gym.checks import flag, instance, number, shown, vector
+from guided_gym.doors import doors
 from guided_gym.errors import InvalidInputError
 from guided_gym.geometry.environment import Environment
 from guided_gym.geometry.mechanism import Mechanism
@@ -26,6 +27,7 @@ _FILES: Final = "guided_gym.catalogue.files"
 _NOTEBOOK: Final = "guided_gym.display.notebook"
 
 
+@doors
 @dataclass(frozen=True, eq=False)
 class Task:
     """A task (s, t): where a search starts, where it has to end, and what counts as having ended.
@@ -75,6 +77,7 @@ class Task:
         )
 
 
+@doors
 @dataclass(frozen=True, eq=False)
 class Problem:
     """A motion planning problem M = (r, E, s, t).
@@ -249,9 +252,9 @@ class Problem:
 
 def _check_regions(regions: object) -> None:
     if not isinstance(regions, Mapping):
-        raise InvalidInputError(f"regions: expected names with shapely geometries, got {regions!r}")
+        raise InvalidInputError(f"regions: expected names with shapely geometries, got {shown(regions)}")
     for name, region in regions.items():
         if not (isinstance(name, str) and isinstance(region, BaseGeometry)):
             raise InvalidInputError(
-                f"regions: expected names with shapely geometries, got {name!r}: {region!r}"
+                f"regions: expected names with shapely geometries, got {shown(name)}: {region!r}"
             )

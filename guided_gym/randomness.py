@@ -9,8 +9,10 @@ import numpy as np
 from numpy.random.bit_generator import ISeedSequence
 
 from guided_gym.checks import integer
+from guided_gym.doors import door
 
 
+@door
 def streams(seed: int | None) -> tuple[np.random.Generator, np.random.Generator, np.random.Generator]:
     """Generators for the problem, the expansion and the guiding space, spawned from one seed.
 

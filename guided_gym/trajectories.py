@@ -16,7 +16,8 @@ from typing import Any, Final
 import numpy as np
 from numpy.typing import NDArray
 
-from guided_gym.checks import integer, number
+from guided_gym.checks import affordable, integer, number, shown
+from guided_gym.doors import door
 from guided_gym.errors import GuidedGymError, InvalidInputError
 from guided_gym.geometry.space import ConfigurationSpace
 
@@ -31,11 +32,18 @@ _MOST_INTERVALS: Final = 20_000
 # Shorter ----------------------------------------------------------------------------------------------------
 
 
+@door
 def path_length(space: ConfigurationSpace, path: FloatArray) -> float:
-    """Length of a path (n, d) in the space's distance."""
+    """Length of a path (n, d) in the space's distance.
+
+    Raises:
+        InvalidInputError: It is no (n, d) array of a configuration or more.
+    """
+    path = _waypoints(space, path)
     return float(space.distance(path[:-1], path[1:]).sum())
 
 
+@door
 def shortcut(
     space: ConfigurationSpace, path: FloatArray, rng: np.random.Generator, attempts: int
 ) -> FloatArray:
@@ -46,8 +54,12 @@ def shortcut(
         path: (n, d) a free path.
         rng: Which two waypoints to look at.
         attempts: How often to try.
+
+    Raises:
+        InvalidInputError: No path, or a number out of range.
     """
-    for _ in range(attempts):
+    path = _waypoints(space, path)
+    for _ in range(integer("attempts", attempts, least=0)):
         if len(path) < 3:
             break
         first, last = np.sort(rng.choice(len(path), 2, replace=False))
@@ -56,6 +68,7 @@ def shortcut(
     return path
 
 
+@door
 def smooth(
     space: ConfigurationSpace,
     path: FloatArray,
@@ -138,27 +151,45 @@ def checked_path(space: ConfigurationSpace, path: object) -> FloatArray:
     Raises:
         InvalidInputError: It is no (n, d) array of two configurations or more, or a motion is not free.
     """
-    try:
-        array = np.array(path, dtype=np.float64)
-    except (TypeError, ValueError) as error:
-        raise InvalidInputError(f"path: expected an array of configurations, got {error}") from None
-    if array.ndim != 2 or array.shape[1] != space.dimension or len(array) < 2:
-        raise InvalidInputError(f"path: expected shape (n, {space.dimension}) with n >= 2, got {array.shape}")
+    array = _waypoints(space, path, 2).copy()
     free = space.motions_free(array[:-1], array[1:])
     if not free.all():
         raise InvalidInputError(f"path: expected free motions, got one from waypoint {int(np.argmin(free))}")
     return array
 
 
+def _waypoints(space: ConfigurationSpace, path: object, least: int = 1) -> FloatArray:
+    """A path as an array (n, d), whatever its motions are.
+
+    Raises:
+        InvalidInputError: It is no array of ``least`` configurations or more, or one is not finite.
+    """
+    try:
+        array = np.asarray(path, dtype=np.float64)
+    except (TypeError, ValueError, OverflowError) as error:
+        raise InvalidInputError(f"path: expected an array of configurations, got {error}") from None
+    if array.ndim != 2 or array.shape[1] != space.dimension or len(array) < least:
+        raise InvalidInputError(
+            f"path: expected shape (n, {space.dimension}) with n >= {least}, got {array.shape}"
+        )
+    if not np.isfinite(array).all():
+        raise InvalidInputError("path: expected finite configurations, got NaN or infinity")
+    return array
+
+
 # What a robot needs to know ---------------------------------------------------------------------------------
 
 
+@door
 def headings(space: ConfigurationSpace, path: FloatArray) -> FloatArray:
     """(n,) direction of travel (radians) at each waypoint: that of the motion that leaves it.
 
     At the last waypoint that of the motion that arrives; where the robot turns on the spot, the last one.
+
+    Raises:
+        InvalidInputError: It is no (n, d) array of two configurations or more.
     """
-    change = np.diff(space.robot.position(np.asarray(path, np.float64)), axis=0)
+    change = np.diff(space.robot.position(_waypoints(space, path, 2)), axis=0)
     moves = np.hypot(*change.T) > 1e-12 * space.extent
     angles = np.arctan2(change[:, 1], change[:, 0])
     known = np.where(moves, np.arange(len(angles)), -1)
@@ -169,13 +200,18 @@ def headings(space: ConfigurationSpace, path: FloatArray) -> FloatArray:
     return np.append(found, found[-1])
 
 
+@door
 def spaced_path(space: ConfigurationSpace, path: FloatArray, spacing: float) -> FloatArray:
     """The path with more waypoints: none farther from the next than ``spacing`` (length).
 
     Raises:
-        InvalidInputError: A spacing that is not positive.
+        InvalidInputError: No path, or a spacing that is not positive or asks for more waypoints than memory
+            holds.
     """
+    path = _waypoints(space, path)
     spacing = number("spacing", spacing, above=0, what="length")
+    size = 8.0 * space.dimension * (path_length(space, path) / spacing + len(path))
+    affordable("spacing", spacing, int(min(size, 1e300)), "so many waypoints")
     rows = [path[:1]]
     for a, b in itertools.pairwise(path):
         count = max(1, math.ceil(float(space.distance(a, b)) / spacing))
@@ -184,6 +220,7 @@ def spaced_path(space: ConfigurationSpace, path: FloatArray, spacing: float) -> 
     return np.concatenate(rows)
 
 
+@door
 def path_clearance(space: ConfigurationSpace, path: FloatArray, within: float | None = None) -> float:
     """The least distance from the robot to obstacles and bounds along a path: never too large.
 
@@ -195,9 +232,12 @@ def path_clearance(space: ConfigurationSpace, path: FloatArray, within: float | 
 
     Returns:
         A lower bound of the clearance (length), 0 where a pose is not valid.
+
+    Raises:
+        InvalidInputError: No path, or a number out of range.
     """
     within = 1e-4 * space.extent if within is None else number("within", within, above=0, what="length")
-    ends = np.asarray(path, np.float64)
+    ends = _waypoints(space, path)
     starts, stops = ends[:-1], ends[1:]
     room = np.asarray(space.clearance(np.ascontiguousarray(ends)))
     at_start, at_stop = room[:-1], room[1:]
@@ -265,6 +305,7 @@ class _Part:
         return self.b + 2.0 * s[:, None] * self.c
 
 
+@door
 def time_path(
     space: ConfigurationSpace,
     path: FloatArray,
@@ -317,7 +358,7 @@ def time_path(
 def _limits(space: ConfigurationSpace, name: str, value: float | Sequence[float]) -> FloatArray:
     values = [value] * space.dimension if isinstance(value, int | float) else list(value)
     if len(values) != space.dimension:
-        raise InvalidInputError(f"{name}: expected a number or {space.dimension} of them, got {value!r}")
+        raise InvalidInputError(f"{name}: expected a number or {space.dimension} of them, got {shown(value)}")
     return np.array([number(name, limit, above=0) for limit in values])
 
 

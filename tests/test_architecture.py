@@ -80,6 +80,7 @@ def test_imports_run_one_way(room: str, name: str, file: Path) -> None:
 CORE = (
     "errors",
     "checks",
+    "doors",
     "registration",
     "compute",
     "kernels",

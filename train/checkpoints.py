@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 
 from guided_gym.catalogue.files import parsed_toml
 from guided_gym.catalogue.maps import read_text
+from guided_gym.checks import shown
 from guided_gym.errors import InvalidInputError, StorageError, UnknownNameError
 from guided_gym.guidance.learned.weights import pack_tensors, read_bytes, unpack_tensors
 from guided_gym.storage.whole_file import write_whole
@@ -35,7 +36,7 @@ C = TypeVar("C")
 def to_toml(config: Any) -> str:
     """A flat dataclass of numbers, words and lists of them as TOML."""
     if not is_dataclass(config) or isinstance(config, type):
-        raise InvalidInputError(f"expected a dataclass of options, got {config!r}")
+        raise InvalidInputError(f"expected a dataclass of options, got {shown(config)}")
     return "".join(f"{name} = {_toml(value)}\n" for name, value in asdict(config).items())
 
 
@@ -75,7 +76,7 @@ def build_config(kind: type[C], options: Mapping[str, Any]) -> C:
         if wanted is float and type(value) is int:
             value = float(value)
         if wanted in (int, float, str, bool, tuple) and type(value) is not wanted:
-            raise InvalidInputError(f"{name}: expected {wanted.__name__}, got {value!r}")
+            raise InvalidInputError(f"{name}: expected {wanted.__name__}, got {shown(value)}")
         values[name] = value
     return kind(**values)
 

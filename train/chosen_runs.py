@@ -9,6 +9,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Final, NoReturn
 
+from guided_gym.checks import shown
 from guided_gym.errors import InvalidInputError
 from guided_gym.train.evaluation import Plan, run_once
 from guided_gym.train.results import Results, Run
@@ -52,7 +53,7 @@ def check_words(words: Sequence[str], seeds: int) -> None:
 
 def _refuse(word: str, known: str) -> NoReturn:
     raise InvalidInputError(
-        f"trace: expected {', '.join(CHOICES)} or a seed that was run ({known}), got {word!r}"
+        f"trace: expected {', '.join(CHOICES)} or a seed that was run ({known}), got {shown(word)}"
     )
 
 

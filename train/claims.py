@@ -16,6 +16,7 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import NDArray
 
+from guided_gym.doors import door
 from guided_gym.train.results import Column, Key, Results
 from guided_gym.train.statistics import (
     Interval,
@@ -101,6 +102,7 @@ class ClaimResult:
         }
 
 
+@door
 def check_claims(results: Results, claims: Iterable[Claim]) -> list[ClaimResult]:
     """Check claims against results."""
     there = set(results.pairs())

@@ -15,6 +15,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 from typer.core import TyperGroup
 
+from guided_gym.checks import shown
 from guided_gym.errors import GuidedGymError, GuidedGymWarning
 from guided_gym.train.command_options import WORK, executor_of, takes
 from guided_gym.train.lab_cli import register as register_lab
@@ -262,7 +263,7 @@ def _resolution(text: str) -> tuple[int, ...] | None:
         return None
     items = words("resolution", text)
     if not all(item.isascii() and item.isdigit() and len(item) < 10 for item in items):
-        raise InvalidInputError(f"resolution: expected counts like 128,128,64, got {text!r}")
+        raise InvalidInputError(f"resolution: expected counts like 128,128,64, got {shown(text)}")
     return tuple(map(int, items))
 
 

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Annotated, Any, Final, TypeVar
 
 import typer
 
+from guided_gym.checks import shown
 from guided_gym.errors import InvalidInputError
 
 if TYPE_CHECKING:
@@ -84,5 +85,5 @@ def executor_of(given: dict[str, Any]) -> Executor:
 
         return OnRay(address, workers)
     if address is not None:
-        raise InvalidInputError(f"address: expected none with --executor local, got {address!r}")
+        raise InvalidInputError(f"address: expected none with --executor local, got {shown(address)}")
     return local(workers)

@@ -11,6 +11,7 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import LogLocator, NullFormatter, StrMethodFormatter
 from numpy.typing import NDArray
 
+from guided_gym.checks import shown
 from guided_gym.errors import InvalidInputError
 from guided_gym.train.statistics import Interval, wilson
 from guided_gym.train.style import COLUMN, INK, MUTED, PAGE, Looks, new_figure, styled
@@ -90,7 +91,7 @@ def _checked(series: Mapping[str, FloatArray], window: int) -> dict[str, FloatAr
     if not series:
         raise InvalidInputError("series: expected at least one guidance, got none")
     if window < 1:
-        raise InvalidInputError(f"window: expected at least 1 sample, got {window!r}")
+        raise InvalidInputError(f"window: expected at least 1 sample, got {shown(window)}")
     arrays = {name: np.asarray(values, np.float64) for name, values in series.items()}
     for name, array in arrays.items():
         if array.ndim != 2 or not array.size:

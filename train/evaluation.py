@@ -13,8 +13,9 @@ import numpy as np
 import shapely
 from numpy.typing import NDArray
 
-from guided_gym.checks import integer
+from guided_gym.checks import integer, shown
 from guided_gym.compute.workers import Workers, executor_of, map_tasks
+from guided_gym.doors import door
 from guided_gym.errors import GuidedGymError, InvalidInputError, NoPathError, StorageError
 from guided_gym.planning import SearchResult, check_watched
 from guided_gym.problems import Problem
@@ -73,6 +74,7 @@ class _Group:
 _Task = tuple[_Group, int]  # one run: a group and a seed
 
 
+@door
 def evaluate(
     environments: str | Sequence[str],
     guidances: str | GuidanceSpec | Sequence[str | GuidanceSpec],
@@ -270,7 +272,7 @@ def checked_seeds(seeds: int | Iterable[int]) -> list[int]:
     wanted = list(dict.fromkeys(seeds))
     for seed in wanted:
         if not isinstance(seed, int | np.integer) or isinstance(seed, bool) or not 0 <= seed < 2**63:
-            raise InvalidInputError(f"seeds: expected integers in [0, 2**63), got {seed!r}")
+            raise InvalidInputError(f"seeds: expected integers in [0, 2**63), got {shown(seed)}")
     return [int(seed) for seed in wanted]
 
 

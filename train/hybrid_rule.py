@@ -12,7 +12,7 @@ import numpy as np
 from stable_baselines3 import PPO
 from stable_baselines3.common.vec_env import DummyVecEnv
 
-from guided_gym.checks import integer
+from guided_gym.checks import integer, shown
 from guided_gym.compute.workers import Workers
 from guided_gym.envs.guide_selection_env import DEFAULT_GUIDES, GuideSelectionEnv
 from guided_gym.errors import InvalidInputError
@@ -43,7 +43,7 @@ class HybridConfig(ReinforcementConfig):
     def __post_init__(self) -> None:
         super().__post_init__()
         if len(self.guides) < 2:
-            raise InvalidInputError(f"guides: expected at least two, got {self.guides!r}")
+            raise InvalidInputError(f"guides: expected at least two, got {shown(self.guides)}")
         for units in self.hidden:
             integer("hidden", units, least=1)
 

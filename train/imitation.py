@@ -20,7 +20,7 @@ from torch import Tensor
 from torch.nn import functional
 
 from guided_gym.catalogue.table import make_distribution
-from guided_gym.checks import count, integer
+from guided_gym.checks import count, integer, shown
 from guided_gym.compute.workers import MapTasks, Workers, in_order, worker_pool
 from guided_gym.errors import InvalidInputError
 from guided_gym.guidance.learned import field as field_module
@@ -125,9 +125,13 @@ class ImitationConfig:
         if not self.environments:
             raise InvalidInputError("environments: expected at least one, got none")
         if self.divergence not in ("forward", "reverse"):
-            raise InvalidInputError(f"divergence: expected 'forward' or 'reverse', got {self.divergence!r}")
+            raise InvalidInputError(
+                f"divergence: expected 'forward' or 'reverse', got {shown(self.divergence)}"
+            )
         if not 0 < self.learning_rate < math.inf:
-            raise InvalidInputError(f"learning_rate: expected a positive number, got {self.learning_rate!r}")
+            raise InvalidInputError(
+                f"learning_rate: expected a positive number, got {shown(self.learning_rate)}"
+            )
 
     def field(self) -> FieldArchitecture:
         """The field network's sizes."""
@@ -145,7 +149,7 @@ def checked_device(name: str) -> torch.device:
         InvalidInputError: There is none, or it is not available.
     """
     if name not in ("cpu", "cuda"):
-        raise InvalidInputError(f"device: expected 'cpu' or 'cuda', got {name!r}")
+        raise InvalidInputError(f"device: expected 'cpu' or 'cuda', got {shown(name)}")
     if name == "cuda" and not torch.cuda.is_available():
         raise InvalidInputError("device: expected a CUDA device, but torch finds none; use --device cpu")
     return torch.device(name)

@@ -8,8 +8,9 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from guided_gym.checks import count
+from guided_gym.checks import count, shown
 from guided_gym.compute.workers import Workers, executor_of
+from guided_gym.doors import door
 from guided_gym.errors import InvalidInputError, StorageError
 from guided_gym.storage.path_build import BuildReport, Progress, build_database
 from guided_gym.storage.path_file import DatabaseHeader
@@ -45,6 +46,7 @@ def solve_path(
     return shortcut(problem.space, result.path, np.random.default_rng(offset + seed), _SHORTCUTS)
 
 
+@door
 def build_path_database(
     environment: str,
     path: Path,
@@ -77,7 +79,7 @@ def build_path_database(
     executor = executor_of(workers)
     distribution = make_distribution(environment)
     if not 0 <= offset < 2**62:
-        raise InvalidInputError(f"seed: expected an integer in [0, 2**62), got {offset!r}")
+        raise InvalidInputError(f"seed: expected an integer in [0, 2**62), got {shown(offset)}")
     name = environment if offset == SEED_OFFSET else f"{environment} from seed {offset}"
     header = DatabaseHeader.for_space(name, distribution.problem(offset).space)
     solve = partial(solve_path, environment, offset, imports)

@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING, Annotated, Any, Final
 
 import typer
 
+from guided_gym.checks import shown
 from guided_gym.errors import InvalidInputError, NoPathError
 from guided_gym.train.command_options import Options, takes
 from guided_gym.train.terminal import console
@@ -228,7 +229,8 @@ def convert(
     suffix = target.suffix.lower()
     if suffix not in (".toml", ".json", ".geojson", ".yaml", ".yml", ".svg", ".png", ".pdf"):
         raise InvalidInputError(
-            f"{target}: expected .toml, .json, .geojson, .yaml, .svg, .png or .pdf, got {target.suffix!r}"
+            f"{target}: expected .toml, .json, .geojson, .yaml, .svg, .png or .pdf, "
+            f"got {shown(target.suffix)}"
         )
     options = MapOptions(**given)
     body: Robot | None
@@ -307,7 +309,8 @@ def parse_robot(text: str) -> Robot:
     except ValueError:
         pass
     raise InvalidInputError(
-        f"robot: expected point, segment:LENGTH, rectangle:LENGTH,WIDTH or polygon:X,Y;X,Y;..., got {text!r}"
+        "robot: expected point, segment:LENGTH, rectangle:LENGTH,WIDTH or polygon:X,Y;X,Y;..., "
+        f"got {shown(text)}"
     )
 
 
@@ -324,7 +327,7 @@ def parse_pose(name: str, text: str) -> list[float]:
     except ValueError:
         values = []
     if len(values) not in (2, 3) or not all(map(math.isfinite, values)):
-        raise InvalidInputError(f"{name}: expected X,Y or X,Y,HEADING, got {text!r}")
+        raise InvalidInputError(f"{name}: expected X,Y or X,Y,HEADING, got {shown(text)}")
     check_heading(name, values)
     return values
 
@@ -337,7 +340,9 @@ def check_outputs(*files: Path | None) -> None:
     """
     for file in files:
         if file is not None and file.suffix.lower() not in (".svg", ".png", ".pdf"):
-            raise InvalidInputError(f"{file}: expected a picture (.svg, .png or .pdf), got {file.suffix!r}")
+            raise InvalidInputError(
+                f"{file}: expected a picture (.svg, .png or .pdf), got {shown(file.suffix)}"
+            )
 
 
 def _limits(velocity: str | None, acceleration: str | None) -> tuple[list[float], list[float]] | None:
@@ -349,7 +354,7 @@ def _limits(velocity: str | None, acceleration: str | None) -> tuple[list[float]
         return [float(v) for v in velocity.split(",")], [float(v) for v in acceleration.split(",")]
     except ValueError:
         raise InvalidInputError(
-            f"velocity, acceleration: expected numbers, got {velocity!r} and {acceleration!r}"
+            f"velocity, acceleration: expected numbers, got {shown(velocity)} and {acceleration!r}"
         ) from None
 
 

@@ -18,6 +18,7 @@ from guided_gym.catalogue.files import pose_trouble
 from guided_gym.catalogue.inspection import robot_widths
 from guided_gym.catalogue.maps import read_text
 from guided_gym.checks import integer, number
+from guided_gym.doors import doors
 from guided_gym.errors import InvalidInputError, StorageError
 from guided_gym.geometry.robots import rigid
 from guided_gym.geometry.space import ConfigurationSpace
@@ -101,6 +102,7 @@ def _finite(value: float) -> float | None:
     return value if math.isfinite(value) else None
 
 
+@doors
 class Planner:
     """Plans in one space: what does not depend on the task is prepared once and kept.
 

@@ -18,6 +18,7 @@ from typing import TYPE_CHECKING, Final
 import numpy as np
 from numpy.typing import NDArray
 
+from guided_gym.checks import shown
 from guided_gym.errors import InvalidInputError
 from guided_gym.guidance.base import GuidingSpace
 from guided_gym.guidance.registry import make_guidance
@@ -156,11 +157,11 @@ def checked_protocol(protocol: str, expansion: str | None, rewire: bool) -> None
         InvalidInputError: It is one of these.
     """
     if protocol not in PROTOCOLS:
-        raise InvalidInputError(f"protocol: expected one of {', '.join(PROTOCOLS)}, got {protocol!r}")
+        raise InvalidInputError(f"protocol: expected one of {', '.join(PROTOCOLS)}, got {shown(protocol)}")
     if protocol == "expansion" and expansion is not None:
         raise InvalidInputError(
             f"expansion: expected none with the protocol 'expansion', in which each guidance expands; "
-            f"got {expansion!r}"
+            f"got {shown(expansion)}"
         )
     if protocol == "expansion" and rewire:
         raise InvalidInputError(

@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from guided_gym.compute.workers import Workers
+from guided_gym.doors import door
 from guided_gym.storage.whole_file import write_whole
 from guided_gym.train.arm_claims import ARM, arm_claims
 from guided_gym.train.arm_claims import GUIDANCES as ARM_GUIDANCES
@@ -102,6 +103,7 @@ def reproduce_arms(
     return Report(results, asked, check_claims(results, own_checks(results, drawn=False)), plans)
 
 
+@door
 def reproduce(
     *,
     seeds: int = SEEDS,

@@ -18,6 +18,7 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import NDArray
 
+from guided_gym.doors import doors
 from guided_gym.errors import InvalidInputError, StorageError
 from guided_gym.measure.target import padded
 from guided_gym.storage.sqlite_file import FileFormat, connect, storage_errors, transaction
@@ -110,6 +111,7 @@ Column = Literal[
 GRID = 24  # cells of the workspace along its longer side, for SE by place
 
 
+@doors
 @dataclass(frozen=True)
 class Run:
     """What one search gave.
@@ -213,6 +215,7 @@ def grid_cells(
     return cells.astype(np.uint16)
 
 
+@doors
 @dataclass(frozen=True)
 class Results:
     """The runs of an evaluation, complete unless it was interrupted.

@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 
 from guided_gym.checks import integer
 from guided_gym.compute.workers import Workers, executor_of, map_tasks
+from guided_gym.doors import door
 from guided_gym.errors import InvalidInputError
 from guided_gym.guidance.base import GuidingSpace
 from guided_gym.measure.target import Measure, sampling_efficiency
@@ -128,6 +129,7 @@ class SingleStep:
     values: NDArray[np.float64]
 
 
+@door
 def single_step(
     environment: str,
     guidances: Sequence[str | GuidanceSpec],

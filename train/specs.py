@@ -15,6 +15,7 @@ from functools import cache, lru_cache
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from guided_gym.doors import doors
 from guided_gym.errors import GuidedGymError, InvalidInputError, NoPathError
 from guided_gym.guidance.grammar import FAMILY, JOINED, Call, Option, is_name, parse, split, text_of
 from guided_gym.options import (
@@ -36,6 +37,7 @@ LEARNED = f"{FAMILY}:"  # before the name or folder of a learned agent
 DATABASE_GUIDANCE = "path_database"  # the guidance that ``--database`` is for
 
 
+@doors
 @dataclass(frozen=True)
 class GuidanceSpec:
     """A guiding space by name, with options; it can be sent to a process and written into a file.
@@ -228,6 +230,7 @@ def _changed(file: Path) -> tuple[int, int]:
     return found.st_mtime_ns, found.st_size
 
 
+@doors
 @dataclass(frozen=True)
 class EvaluationSettings:
     """Everything that the figures of a run depend on besides environment, guidance and seed.

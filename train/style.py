@@ -13,6 +13,7 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.colors import ListedColormap
 from matplotlib.figure import Figure
 
+from guided_gym.checks import shown
 from guided_gym.envs import palette
 from guided_gym.errors import InvalidInputError, StorageError
 from guided_gym.guidance.grammar import JOINED, parse
@@ -184,7 +185,7 @@ def save(figure: Figure, path: str | Path, formats: Sequence[str] = ("pdf", "png
         path = path.with_suffix("")
     for name in formats:
         if name not in FORMATS:
-            raise InvalidInputError(f"formats: expected some of {', '.join(FORMATS)}, got {name!r}")
+            raise InvalidInputError(f"formats: expected some of {', '.join(FORMATS)}, got {shown(name)}")
     undated = {"pdf": {"CreationDate": None}, "svg": {"Date": None}, "png": {"Software": None}}
     files = [path.with_name(f"{path.name}.{name}") for name in formats]
     try:

@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING, Any, Literal
 import numpy as np
 from numpy.typing import NDArray
 
+from guided_gym.doors import door
 from guided_gym.storage.whole_file import write_whole
 from guided_gym.train.results import Column, Results
 from guided_gym.train.statistics import Interval, bootstrap, paired_difference, significant, wilson
@@ -128,6 +129,7 @@ def ranking_measure(protocol: str) -> str:
     return "total_efficiency" if protocol == "whole" else "excess_efficiency"
 
 
+@door
 def summarise(results: Results) -> list[Row]:
     """One row per (environment, guidance): by environment as in the results, then by rank."""
     shown = [*MEASURES, *(DISTRIBUTION_MEASURES if _has_distributions(results) else ())]

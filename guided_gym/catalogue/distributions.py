@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from guided_gym.checks import integer
+from guided_gym.doors import doors
 from guided_gym.errors import NoPathError
 from guided_gym.geometry.robots import Robot
 from guided_gym.measure.oracle import oracle_for
@@ -85,6 +86,7 @@ def _path_check(problem: Problem) -> OracleOptions | None:
     return None if isinstance(problem.robot, Robot) else OracleOptions(resolution=(ROADMAP,))
 
 
+@doors
 class FixedProblem(ProblemDistribution):
     """The distribution that always gives one problem."""
 
@@ -152,6 +154,7 @@ class OtherTasks(ProblemDistribution):
         return problem.asking(Task(start, goal, own.tolerance, own.by_edge))
 
 
+@doors
 class ProblemList(ProblemDistribution):
     """A distribution over a numbered list of problems: seed k is problem k, modulo their number.
 
@@ -175,6 +178,7 @@ class ProblemList(ProblemDistribution):
         return self[integer("seed", seed, least=0) % len(self)].ending(tolerance, by_edge)
 
 
+@doors
 class SampledProblems(ProblemDistribution):
     """A distribution given by a function from a random generator to a problem."""
 

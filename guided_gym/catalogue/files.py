@@ -38,6 +38,8 @@ from guided_gym.catalogue.maps import (
     read_text,
     reason,
 )
+from guided_gym.checks import shown
+from guided_gym.doors import door
 from guided_gym.errors import InvalidInputError, StorageError
 from guided_gym.geometry.environment import Environment
 from guided_gym.geometry.linkages import Body, Joint, Linkage
@@ -380,6 +382,12 @@ class ProblemFile(_Model):
         regions: Named parts of the workspace.
     """
 
+    def __init__(self, **fields: Any) -> None:
+        try:
+            super().__init__(**fields)
+        except ValidationError as error:
+            raise InvalidInputError(_message(error.errors(include_url=False)[0])) from error
+
     format: Literal["guided-gym problem 1"]
     name: Text = "problem"
     units: Units = Units()
@@ -557,7 +565,7 @@ def read_problem_file(path: str | Path) -> ProblemFile:
     path = Path(path)
     suffix = path.suffix.lower()
     if suffix not in PROBLEM_SUFFIXES:
-        raise InvalidInputError(f"{path}: expected a problem file (.toml or .json), got {path.suffix!r}")
+        raise InvalidInputError(f"{path}: expected a problem file (.toml or .json), got {shown(path.suffix)}")
     text = read_text(path, _LARGEST[suffix])
     return _validated(path, text, _parsed(path, text))
 
@@ -594,8 +602,10 @@ def _validated(path: Path, text: str, content: Any) -> ProblemFile:
         raise InvalidInputError(f"{path}: format: expected {FORMAT!r}, got {str(got)[:60]!r}")
     try:
         return ProblemFile.model_validate(content)
-    except ValidationError as error:
-        first = error.errors(include_url=False)[0]
+    except InvalidInputError as error:
+        if not isinstance(error.__cause__, ValidationError):
+            raise
+        first = error.__cause__.errors(include_url=False)[0]
         place = first["loc"]
         named = re.match(r"Value error, ([a-z_]+)(?:\[(\d+)\])?:", str(first["msg"]))
         if not place and named:
@@ -719,6 +729,7 @@ def _toml_line(text: str, place: tuple[int | str, ...]) -> int:
 # Loading and saving -----------------------------------------------------------------------------------------
 
 
+@door
 def load_problem(path: str | Path) -> Problem:
     """The problem of a problem file.
 
@@ -746,6 +757,7 @@ def load_problems(path: str | Path) -> list[Problem]:
     return problems
 
 
+@door
 def load_environment(path: str | Path, options: MapOptions = DEFAULT_OPTIONS) -> Environment:
     """The environment of a problem file or of a map in any format that is read; errors as `load_problem`."""
     path = Path(path)
@@ -842,6 +854,7 @@ def _geojson(shape: shapely.Geometry) -> dict[str, Any]:
     return content
 
 
+@door
 def save_problem(
     problem: Problem, path: str | Path, *, length: str = "m", origin: Sequence[float] = (0.0, 0.0)
 ) -> None:
@@ -866,7 +879,7 @@ def write_problem_file(model: ProblemFile, path: str | Path) -> None:
     content = _content(model)
     writers = {".toml": _toml, ".json": _json}
     if path.suffix.lower() not in writers:
-        raise InvalidInputError(f"{path}: expected a problem file (.toml or .json), got {path.suffix!r}")
+        raise InvalidInputError(f"{path}: expected a problem file (.toml or .json), got {shown(path.suffix)}")
     write_whole(path, writers[path.suffix.lower()](content))
 
 

@@ -22,6 +22,7 @@ import numpy.typing as npt
 import shapely
 
 from guided_gym.checks import number, shown
+from guided_gym.doors import door, doors
 from guided_gym.errors import GuidedGymError, InvalidInputError, StorageError
 from guided_gym.geometry.environment import Environment
 from guided_gym.geometry.occupancy import MOST_CELLS, UNKNOWN, covered_cells
@@ -44,6 +45,7 @@ _ROS_KEYS: Final = (
 _OCCUPIED, _UNKNOWN = 100, -1  # as in ROS
 
 
+@doors
 @dataclass(frozen=True)
 class MapOptions:
     """What a map does not say itself.
@@ -72,7 +74,9 @@ class MapOptions:
 
     def __post_init__(self) -> None:
         if self.unknown not in UNKNOWN:
-            raise InvalidInputError(f"unknown: expected one of {', '.join(UNKNOWN)}, got {self.unknown!r}")
+            raise InvalidInputError(
+                f"unknown: expected one of {', '.join(UNKNOWN)}, got {shown(self.unknown)}"
+            )
         number("margin", self.margin, least=0)
 
 
@@ -96,6 +100,7 @@ class GridTask:
     map_name: str
 
 
+@door
 def read_map(path: str | Path, options: MapOptions = DEFAULT_OPTIONS) -> Environment:
     """The environment of a map file, by its extension: see `MAP_SUFFIXES`.
 
@@ -113,7 +118,8 @@ def read_map(path: str | Path, options: MapOptions = DEFAULT_OPTIONS) -> Environ
     reader = _READERS.get(path.suffix.lower())
     if reader is None:
         raise InvalidInputError(
-            f"{path}: expected a map with one of the extensions {', '.join(_READERS)}, got {path.suffix!r}"
+            f"{path}: expected a map with one of the extensions {', '.join(_READERS)}, "
+            f"got {shown(path.suffix)}"
         )
     try:
         return reader(path, options)
@@ -282,7 +288,7 @@ def ros_values(
         InvalidInputError: Another mode, or thresholds in the wrong order.
     """
     if mode not in ("trinary", "scale", "raw"):
-        raise InvalidInputError(f"mode: expected trinary, scale or raw, got {mode!r}")
+        raise InvalidInputError(f"mode: expected trinary, scale or raw, got {shown(mode)}")
     if not free_thresh <= occupied_thresh:
         raise InvalidInputError(
             f"free_thresh: expected at most occupied_thresh, {occupied_thresh:g}, got {free_thresh:g}"
@@ -354,7 +360,7 @@ def _plain_loader(yaml: ModuleType) -> Any:
 def _yaml_number(fields: dict[str, Any], name: str, least: float, most: float) -> float:
     value = _as_number(name, fields[name])
     if not least <= value <= most:
-        raise InvalidInputError(f"{name}: expected {least:g} to {most:g}, got {value!r}")
+        raise InvalidInputError(f"{name}: expected {least:g} to {most:g}, got {shown(value)}")
     return value
 
 
@@ -369,12 +375,12 @@ def _as_number(name: str, value: object) -> float:
 def _negate(value: object) -> bool:
     if value in (0, 1, True, False, "0", "1"):
         return bool(int(value))  # type: ignore[call-overload]
-    raise InvalidInputError(f"negate: expected 0 or 1, got {value!r}")
+    raise InvalidInputError(f"negate: expected 0 or 1, got {shown(value)}")
 
 
 def _ros_origin(value: object) -> list[float]:
     if not isinstance(value, list) or len(value) != 3:
-        raise InvalidInputError(f"origin: expected [x, y, yaw], got {value!r}")
+        raise InvalidInputError(f"origin: expected [x, y, yaw], got {shown(value)}")
     pose = [_as_number("origin", part) for part in value]
     if abs(pose[2]) > 2.0 * math.pi:
         raise InvalidInputError(
@@ -393,9 +399,9 @@ def inside_folder(folder: Path, name: str, path: Path) -> Path:
         target = (folder / name).resolve()
         inside = target.is_relative_to(folder.resolve())
     except (OSError, ValueError, RuntimeError) as error:
-        raise InvalidInputError(f"image: expected the name of a file, got {name!r}: {error}") from None
+        raise InvalidInputError(f"image: expected the name of a file, got {shown(name)}: {error}") from None
     if not inside:
-        raise InvalidInputError(f"image: expected a file in {folder} or below, got {name!r}")
+        raise InvalidInputError(f"image: expected a file in {folder} or below, got {shown(name)}")
     if not target.is_file():
         raise StorageError(f"{path}: image: expected a picture at {target}, but there is no such file")
     return target
@@ -585,6 +591,7 @@ def movingai_cells(path: Path) -> npt.NDArray[np.bool_]:
     return ~np.isin(codes, np.frombuffer(_PASSABLE.encode(), np.uint8))
 
 
+@door
 def read_scenario(path: str | Path) -> list[GridTask]:
     """The tasks of a MovingAI ``.scen``, in the coordinates of `read_movingai`.
 
@@ -669,7 +676,7 @@ def geojson_shapes(path: Path) -> Iterator[tuple[str, str, shapely.Geometry]]:
         role = properties.get("role", "obstacle")
         if role not in ("obstacle", "bounds", "region", "ignore"):
             raise StorageError(
-                f"{path}, {label}: role: expected obstacle, bounds, region or ignore, got {role!r}"
+                f"{path}, {label}: role: expected obstacle, bounds, region or ignore, got {shown(role)}"
             )
         if isinstance(properties.get("name"), str):
             label += f" ({properties['name']!r})"

@@ -16,6 +16,7 @@ from shapely.ops import unary_union
 from guided_gym.catalogue.distributions import SampledProblems
 from guided_gym.catalogue.grids import Cells, Room, carved, covering, way
 from guided_gym.catalogue.placement import free_pose
+from guided_gym.checks import shown
 from guided_gym.errors import InvalidInputError
 from guided_gym.geometry.environment import Bounds, Environment
 from guided_gym.geometry.robots import Robot
@@ -168,7 +169,7 @@ def lattice_mazes(robot: str, obstacles: tuple[int, int], name: str = "LatticeMa
     """
     lattice_robot(robot)
     if not 4 * (LATTICE - 1) <= obstacles[0] <= obstacles[1] <= MOST_OBSTACLES:
-        raise InvalidInputError(f"obstacles: expected a range within 56 to 128, got {obstacles!r}")
+        raise InvalidInputError(f"obstacles: expected a range within 56 to 128, got {shown(obstacles)}")
     draw: Callable[[np.random.Generator], Problem]
     draw = partial(lattice_maze, robot=robot, obstacles=obstacles, name=name)
     return SampledProblems(name, draw, f"15 x 15 lattices, {obstacles[0]} to {obstacles[1]} obstacle cells")
@@ -206,7 +207,7 @@ def lattice_robot(name: str) -> Robot:
         InvalidInputError: Another name.
     """
     if name not in ("point", "stick"):
-        raise InvalidInputError(f"robot: expected 'point' or 'stick', got {name!r}")
+        raise InvalidInputError(f"robot: expected 'point' or 'stick', got {shown(name)}")
     return Robot.point() if name == "point" else Robot.segment(STICK_LENGTH)
 
 

@@ -13,7 +13,8 @@ from numpy.typing import NDArray
 
 from guided_gym.catalogue.distributions import ProblemList
 from guided_gym.catalogue.mazes import LATTICE, lattice_environment, lattice_problem, lattice_robot
-from guided_gym.checks import affordable
+from guided_gym.checks import affordable, shown
+from guided_gym.doors import door
 from guided_gym.errors import GuidedGymError, InvalidInputError, StorageError
 from guided_gym.problems import Problem, Task
 
@@ -73,7 +74,9 @@ class NextMazes(ProblemList):
             InvalidInputError: There is no such problem.
         """
         if not 0 <= index < len(self):
-            raise InvalidInputError(f"{self.name}: expected an index 0 to {len(self) - 1}, got {index!r}")
+            raise InvalidInputError(
+                f"{self.name}: expected an index 0 to {len(self) - 1}, got {shown(index)}"
+            )
         task = Task(self._starts[index], self._goals[index], GOAL_RADIUS, by_edge=False)
         return lattice_problem(
             lattice_environment(self.maps[index]), lattice_robot(self.robot), task, self.name
@@ -88,7 +91,7 @@ class NextMazes(ProblemList):
         """
         if split not in ("train", "validation"):
             raise InvalidInputError(
-                f"{self.name}: expected 'train' or 'validation', got {split!r}; "
+                f"{self.name}: expected 'train' or 'validation', got {shown(split)}; "
                 "test problems come in a file of their own"
             )
         if len(self) <= VALIDATION_SIZE:
@@ -103,6 +106,7 @@ class NextMazes(ProblemList):
         return chosen
 
 
+@door
 def load_next_mazes(file: str | Path, name: str = "") -> NextMazes:
     """The problems of a file of the benchmark; nothing in it is unpickled.
 

@@ -17,8 +17,9 @@ import shapely
 from guided_gym.catalogue.distributions import TRIES, ProblemDistribution, ProblemList
 from guided_gym.catalogue.splits import SplitProblems
 from guided_gym.catalogue.table import make_distribution
-from guided_gym.checks import integer
+from guided_gym.checks import integer, shown
 from guided_gym.compute.workers import Workers, executor_of, map_tasks
+from guided_gym.doors import door, doors
 from guided_gym.errors import InvalidInputError, NoPathError, StorageError
 from guided_gym.geometry.convex import Pieces
 from guided_gym.geometry.environment import Environment
@@ -38,6 +39,7 @@ _COVER: Final = ("cover_vertices", "cover_ends")
 Progress = Callable[[int, int], None]
 
 
+@doors
 class ProblemSet(ProblemList):
     """The problems of a file that `build_problem_set` has built: number i is its i-th, modulo their number.
 
@@ -76,7 +78,9 @@ class ProblemSet(ProblemList):
             NoPathError: The distribution has no problem with a path for this seed.
         """
         if not 0 <= index < len(self):
-            raise InvalidInputError(f"{self.path}: expected a problem 0 to {len(self) - 1}, got {index!r}")
+            raise InvalidInputError(
+                f"{self.path}: expected a problem 0 to {len(self) - 1}, got {shown(index)}"
+            )
         if index not in self._problems:
             self._problems[index] = self._read(index)
             while len(self._problems) > _KEPT:
@@ -207,6 +211,7 @@ class _Source:
         return seed, _packed(problem, oracle)
 
 
+@door
 def build_problem_set(
     path: str | Path,
     distribution: str | ProblemDistribution,
@@ -315,7 +320,7 @@ def _robot_part(robot: Mechanism) -> dict[str, Any]:
     if type(robot) is Robot:
         return {"name": robot.name, "dimension": robot.dimension, "outline": _hex(robot.outline)}
     if type(robot) is not Linkage:
-        raise InvalidInputError(f"robot: expected a Robot or a Linkage, got {robot!r}")
+        raise InvalidInputError(f"robot: expected a Robot or a Linkage, got {shown(robot)}")
     return {
         "name": robot.name,
         "joints": [asdict(joint) for joint in robot.joints],

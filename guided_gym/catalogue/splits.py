@@ -7,6 +7,8 @@ from dataclasses import dataclass
 from typing import Final, Protocol, runtime_checkable
 
 from guided_gym.catalogue.distributions import ProblemDistribution, ProblemList
+from guided_gym.checks import shown
+from guided_gym.doors import door
 from guided_gym.errors import InvalidInputError, UnknownNameError
 from guided_gym.problems import Problem
 
@@ -33,7 +35,7 @@ class Split:
         """
         if not 0 <= index < self.size:
             raise InvalidInputError(
-                f"{self.name} split: expected an index 0 to {self.size - 1}, got {index!r}"
+                f"{self.name} split: expected an index 0 to {self.size - 1}, got {shown(index)}"
             )
         return self.first + int(index)
 
@@ -63,6 +65,7 @@ def split_named(split: str | Split) -> Split:
     return SPLITS[split]
 
 
+@door
 def problem_seed(split: str | Split, index: int) -> int:
     """The seed of problem number ``index`` of a split: what ``env.reset(seed=...)`` takes without a split.
 
@@ -116,7 +119,7 @@ class SplitProblems(ProblemList):
             InvalidInputError: Another split.
         """
         if split != self.split.name:
-            raise InvalidInputError(f"{self.name}: expected no other split on top of it, got {split!r}")
+            raise InvalidInputError(f"{self.name}: expected no other split on top of it, got {shown(split)}")
         return self
 
 

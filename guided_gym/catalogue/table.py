@@ -23,7 +23,8 @@ from guided_gym.catalogue.next_mazes import next_point, next_stick
 from guided_gym.catalogue.shapes import SIZE, columns, cup, rectangle_robot, wall
 from guided_gym.catalogue.splits import in_split
 from guided_gym.catalogue.trap_cups import random_trap_cup
-from guided_gym.checks import same_place
+from guided_gym.checks import same_place, shown
+from guided_gym.doors import door
 from guided_gym.errors import InvalidInputError, UnknownNameError
 from guided_gym.geometry.environment import Environment
 from guided_gym.problems import Problem, Task
@@ -132,6 +133,7 @@ _FROM_FILES: dict[str, Callable[[], ProblemDistribution]] = {
 }
 
 
+@door
 def register_distribution(
     name: str, factory: Callable[[], ProblemDistribution], *, replace: bool = False
 ) -> None:
@@ -146,9 +148,9 @@ def register_distribution(
         InvalidInputError: No name, one that is taken, or no function.
     """
     if not isinstance(name, str) or not name or set(name) & set("@, "):
-        raise InvalidInputError(f"name: expected a word without '@', ',' or blanks, got {name!r}")
+        raise InvalidInputError(f"name: expected a word without '@', ',' or blanks, got {shown(name)}")
     if not callable(factory):
-        raise InvalidInputError(f"factory: expected a function without arguments, got {factory!r}")
+        raise InvalidInputError(f"factory: expected a function without arguments, got {shown(factory)}")
     taken = (_FROM_FILES | _CATALOGUE).get(name)
     if not replace and taken is not None and not same_place(taken, factory):
         raise InvalidInputError(
@@ -159,11 +161,13 @@ def register_distribution(
     named_distribution.cache_clear()
 
 
+@door
 def distribution_names() -> list[str]:
     """Names of the catalogue, in order of appearance."""
     return list(_CATALOGUE)
 
 
+@door
 def make_distribution(name: str) -> ProblemDistribution:
     """The distribution of that name, or with ``name@split`` its train, validation or test problems.
 

@@ -16,13 +16,15 @@ from functools import cache
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final, TypeVar
 
-from guided_gym.checks import integer
+from guided_gym.checks import shown
 from guided_gym.compute.workers import (
     MapTasks,
     be_worker,
     check_importable,
+    checked_workers,
     unknown_there,
 )
+from guided_gym.doors import doors
 from guided_gym.errors import GuidedGymError, InvalidInputError, UnknownNameError
 
 if TYPE_CHECKING:
@@ -38,6 +40,7 @@ _PATIENCE: Final = 5.0  # seconds that an address has to answer
 _PORT: Final = 6379
 
 
+@doors
 @dataclass(frozen=True)
 class OnRay:
     """The nodes of a Ray cluster.
@@ -59,7 +62,7 @@ class OnRay:
     workers: int = 2
 
     def __post_init__(self) -> None:
-        integer("workers", self.workers, least=1)
+        checked_workers(self.workers)
 
     @property
     def alone(self) -> bool:
@@ -126,7 +129,7 @@ def _check_answers(address: str) -> None:
     place = address.removeprefix("ray://")
     host, _, port = place.rpartition(":") if ":" in place else (place, "", str(_PORT))
     if not host or not port.isdigit():
-        raise InvalidInputError(f"address: expected HOST:PORT or auto, got {address!r}")
+        raise InvalidInputError(f"address: expected HOST:PORT or auto, got {shown(address)}")
     try:
         socket.create_connection((host, int(port)), timeout=_PATIENCE).close()
     except OSError as error:

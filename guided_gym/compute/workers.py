@@ -14,7 +14,8 @@ from concurrent.futures.process import BrokenProcessPool
 from dataclasses import dataclass
 from typing import Protocol, TypeVar
 
-from guided_gym.checks import integer
+from guided_gym.checks import count, shown
+from guided_gym.doors import doors
 from guided_gym.errors import GuidedGymError, InvalidInputError, UnknownNameError
 
 WORKER_DIED = (
@@ -29,6 +30,7 @@ R = TypeVar("R")
 
 _WINDOW_PER_WORKER = 2  # tasks handed out per worker: it never waits, and a stop drops few
 
+_PROCESS = 10**6  # bytes that a process takes at the very least
 _WORKER = "GUIDED_GYM_WORKER"  # set in worker processes
 _before_workers: list[Callable[[], None]] = []
 
@@ -55,6 +57,15 @@ Workers = int | Executor
 """A number of processes on this machine, or another executor."""
 
 
+def checked_workers(workers: object, least: int = 1) -> int:
+    """How many processes do the work.
+
+    Raises:
+        InvalidInputError: It is no integer, too small, or more than any machine has room for.
+    """
+    return count("workers", workers, least=least, each=_PROCESS, what="so many processes")
+
+
 def executor_of(workers: Workers) -> Executor:
     """The executor that an argument ``workers`` stands for.
 
@@ -62,7 +73,7 @@ def executor_of(workers: Workers) -> Executor:
         InvalidInputError: A number that is not positive, or something else.
     """
     if isinstance(workers, int | float | str) or not hasattr(workers, "pool"):
-        return Local(integer("workers", workers, least=1))
+        return Local(checked_workers(workers))
     return workers
 
 
@@ -96,6 +107,7 @@ def worker_pool(
     return executor_of(workers).pool(prepare)
 
 
+@doors
 @dataclass(frozen=True)
 class Local:
     """Processes on this machine.
@@ -146,7 +158,7 @@ def start_workers(
     Raises:
         InvalidInputError: workers is not positive, or ``prepare`` is not importable.
     """
-    integer("workers", workers, least=1)
+    checked_workers(workers)
     check_importable(prepare)
     for hook in _before_workers:
         hook()
@@ -232,7 +244,7 @@ def check_importable(function: Callable[..., object] | None) -> None:
     except Exception as error:  # pickle raises whatever the object does
         raise InvalidInputError(
             f"expected a function at the top level of a module for worker processes, "
-            f"got {function!r}: {error}"
+            f"got {shown(function)}: {error}"
         ) from error
 
 

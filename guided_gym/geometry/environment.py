@@ -14,6 +14,7 @@ import shapely
 from shapely.geometry.base import BaseGeometry
 
 from guided_gym.checks import affordable, integer, shown, vector
+from guided_gym.doors import doors
 from guided_gym.errors import InvalidInputError
 from guided_gym.geometry.convex import Pieces, cover_polygons
 from guided_gym.geometry.occupancy import cell_obstacles, occupied_cells
@@ -25,6 +26,7 @@ Bounds = tuple[float, float, float, float]
 Ring = Sequence[Sequence[float]] | FloatArray
 
 
+@doors
 @dataclass(frozen=True)
 class Environment:
     """An environment E (paper, section "Preliminaries"): bounds not to leave, obstacles not to touch.
@@ -241,7 +243,7 @@ def _as_items(what: str, values: object, kind: str) -> list[object]:
     try:
         return list(values)  # type: ignore[call-overload, no-any-return]
     except TypeError:
-        raise InvalidInputError(f"{what}: expected a sequence of {kind}, got {values!r}") from None
+        raise InvalidInputError(f"{what}: expected a sequence of {kind}, got {shown(values)}") from None
 
 
 def _checked_bounds(bounds: Sequence[float]) -> Bounds:

@@ -12,7 +12,8 @@ import numpy as np
 import numpy.typing as npt
 import shapely
 
-from guided_gym.checks import flag, integer, number
+from guided_gym.checks import flag, integer, number, shown
+from guided_gym.doors import doors
 from guided_gym.errors import InvalidInputError
 from guided_gym.geometry.convex import Pieces, cover
 from guided_gym.geometry.environment import Environment
@@ -29,6 +30,7 @@ LARGEST_LIMIT = 1e3
 """Joints with limits turn by less than this (radians)."""
 
 
+@doors
 @dataclass(frozen=True)
 class Joint:
     """A joint that turns, and the frame that turns with it.
@@ -58,6 +60,7 @@ class Joint:
         object.__setattr__(self, "limits", _checked_limits(label, self.limits))
 
 
+@doors
 @dataclass(frozen=True)
 class Body:
     """A body that moves with a joint.
@@ -75,6 +78,7 @@ class Body:
         object.__setattr__(self, "outline", checked_outline(self.outline))
 
 
+@doors
 @dataclass(frozen=True)
 class Linkage(Mechanism):
     """A planar robot with joints: an arm, a snake, a tree of links (a kinematic table).
@@ -124,7 +128,7 @@ class Linkage(Mechanism):
                 raise InvalidInputError(f"a body's joint: expected 0 to {n - 1}, got {body.joint}")
         on, point = self.tool
         if not (isinstance(on, int) and 0 <= on < n):
-            raise InvalidInputError(f"tool: expected a joint, 0 to {n - 1}, got {on!r}")
+            raise InvalidInputError(f"tool: expected a joint, 0 to {n - 1}, got {shown(on)}")
         object.__setattr__(self, "tool", (on, _point("tool", point)))
 
     @classmethod
@@ -290,6 +294,7 @@ class Linkage(Mechanism):
 
     def position(self, q: FloatArray) -> FloatArray:
         """The tool's place in the workspace: (..., d) -> (..., 2)."""
+        q = self.rows(q)
         if self.straight:
             return q[..., :2]
         origins, headings = self.frames(q)
@@ -304,6 +309,7 @@ class Linkage(Mechanism):
         The base's way and, for each joint, its turn by how far what it carries reaches; twice as much where
         bodies on different branches must keep off each other.
         """
+        change = self.rows(change)
         turns = np.abs(change[..., 2:] if self.mobile else change)
         moved: FloatArray = turns @ self.reaches
         if self.mobile:
@@ -404,7 +410,7 @@ def _moved(outline: shapely.Geometry, origin: FloatArray, heading: float) -> sha
 def _point(what: str, value: object) -> tuple[float, float]:
     values = _many(value)
     if len(values) != 2:
-        raise InvalidInputError(f"{what}: expected (x, y), got {value!r}")
+        raise InvalidInputError(f"{what}: expected (x, y), got {shown(value)}")
     return number(f"{what} x", values[0]), number(f"{what} y", values[1])
 
 
@@ -412,7 +418,7 @@ def _many(values: object) -> list[Any]:
     try:
         return list(values)  # type: ignore[call-overload, no-any-return]
     except TypeError:
-        raise InvalidInputError(f"expected a sequence of numbers, got {values!r}") from None
+        raise InvalidInputError(f"expected a sequence of numbers, got {shown(values)}") from None
 
 
 def _each(what: str, value: object, count: int) -> list[Any]:
@@ -442,7 +448,7 @@ def _checked_limits(what: str, limits: object) -> Limits:
         return None
     pair = [-limits, limits] if isinstance(limits, int | float) else _many(limits)
     if len(pair) != 2:
-        raise InvalidInputError(f"{what}: expected limits (low, high), got {limits!r}")
+        raise InvalidInputError(f"{what}: expected limits (low, high), got {shown(limits)}")
     low, high = (
         number(f"{what}: a limit", value, above=-LARGEST_LIMIT, below=LARGEST_LIMIT) for value in pair
     )

@@ -10,6 +10,8 @@ import numpy as np
 import numpy.typing as npt
 import shapely
 
+from guided_gym.checks import shown
+from guided_gym.doors import door
 from guided_gym.errors import InvalidInputError
 from guided_gym.geometry.environment import Environment
 from guided_gym.kernels.collision import Geometry
@@ -129,6 +131,18 @@ class Mechanism(ABC):
     def identity(self) -> Iterator[bytes]:
         """All that decides where the robot's bodies are, for fingerprints."""
 
+    @door
+    def rows(self, q: FloatArray) -> FloatArray:
+        """Configurations (..., d), or changes of them.
+
+        Raises:
+            InvalidInputError: They have another shape.
+        """
+        if q.ndim < 1 or q.shape[-1] != self.dimension:
+            raise InvalidInputError(f"expected an array of shape (..., {self.dimension}), got {q.shape}")
+        return q
+
+    @door
     def checked(self, q: Sequence[float] | FloatArray) -> FloatArray:
         """One finite configuration.
 
@@ -138,6 +152,6 @@ class Mechanism(ABC):
         pose = np.asarray(q, dtype=np.float64)
         if pose.shape != (self.dimension,) or not np.isfinite(pose).all():
             raise InvalidInputError(
-                f"expected a finite configuration of shape ({self.dimension},), got {q!r}"
+                f"expected a finite configuration of shape ({self.dimension},), got {shown(q)}"
             )
         return pose

@@ -11,7 +11,7 @@ import numpy as np
 import numpy.typing as npt
 import shapely
 
-from guided_gym.checks import integer, number
+from guided_gym.checks import integer, number, shown
 from guided_gym.errors import InvalidInputError
 from guided_gym.geometry.convex import Pieces
 
@@ -83,7 +83,7 @@ def occupied_cells(array: object, *, unknown: str = "occupied", threshold: float
             f"occupancy: expected an array (rows, columns) of 1 to {MOST_CELLS} cells, got {cells.shape}"
         )
     if unknown not in UNKNOWN:
-        raise InvalidInputError(f"unknown: expected one of {', '.join(UNKNOWN)}, got {unknown!r}")
+        raise InvalidInputError(f"unknown: expected one of {', '.join(UNKNOWN)}, got {shown(unknown)}")
     threshold = number("threshold", threshold, above=0)
     if cells.dtype == bool:
         return np.array(cells)
@@ -134,9 +134,9 @@ def cell_obstacles(
     except (TypeError, ValueError):
         pose = []
     if len(pose) not in (2, 3):
-        raise InvalidInputError(f"origin: expected finite (x, y) or (x, y, yaw), got {origin!r}")
+        raise InvalidInputError(f"origin: expected finite (x, y) or (x, y, yaw), got {shown(origin)}")
     if abs(yaw := (*pose, 0.0)[2]) > 2.0 * math.pi:
-        raise InvalidInputError(f"origin: expected a yaw of -2 pi to 2 pi (radians), got {yaw!r}")
+        raise InvalidInputError(f"origin: expected a yaw of -2 pi to 2 pi (radians), got {shown(yaw)}")
     if integer("speckles", speckles, least=1) > 1:
         occupied = without_speckles(occupied, speckles)
     rows, columns = occupied.shape

@@ -13,6 +13,7 @@ import numpy.typing as npt
 import shapely
 
 from guided_gym.checks import number, shown
+from guided_gym.doors import doors
 from guided_gym.errors import InvalidInputError
 from guided_gym.geometry.convex import Pieces, cover
 from guided_gym.geometry.environment import Environment
@@ -23,6 +24,7 @@ from guided_gym.kernels.collision import Geometry
 FloatArray = npt.NDArray[np.float64]
 
 
+@doors
 @dataclass(frozen=True)
 class Robot(Mechanism):
     """A rigid robot r (paper, section "Preliminaries") that moves in the plane.
@@ -111,7 +113,7 @@ class Robot(Mechanism):
 
     def position(self, q: FloatArray) -> FloatArray:
         """The reference point: (..., d) -> (..., 2)."""
-        return q[..., :2]
+        return self.rows(q)[..., :2]
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -140,6 +142,7 @@ class Robot(Mechanism):
 
     def displacement(self, change: FloatArray) -> FloatArray:
         """How far any point of the body moves at most: (..., d) -> (...)."""
+        change = self.rows(change)
         moved: FloatArray = np.hypot(change[..., 0], change[..., 1])
         return moved + self.radius * np.abs(change[..., 2]) if self.dimension == 3 else moved
 
@@ -175,7 +178,7 @@ def rigid(robot: Mechanism, who: str) -> Robot:
     if isinstance(robot, Robot):
         return robot
     raise InvalidInputError(
-        f"{who}: expected a rigid planar robot, got {robot.name!r} of {robot.dimension} coordinates"
+        f"{who}: expected a rigid planar robot, got {shown(robot.name)} of {robot.dimension} coordinates"
     )
 
 

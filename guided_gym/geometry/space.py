@@ -10,7 +10,8 @@ from functools import cached_property
 import numpy as np
 import numpy.typing as npt
 
-from guided_gym.checks import instance
+from guided_gym.checks import count, instance, shown
+from guided_gym.doors import doors
 from guided_gym.errors import InvalidInputError
 from guided_gym.geometry.environment import Environment
 from guided_gym.geometry.mechanism import Mechanism
@@ -42,6 +43,7 @@ LARGEST_ANGLE = 1e12
 """Angles from here on are none: beside such numbers a radian is hardly more than rounding."""
 
 
+@doors
 class ConfigurationSpace:
     """The configuration space C of a robot in an environment, with its metric and its collision checks.
 
@@ -187,7 +189,12 @@ class ConfigurationSpace:
         return wrapped
 
     def sample(self, rng: np.random.Generator, n: int) -> FloatArray:
-        """Draw n configurations (n, d), uniform over all coordinates' ranges; not checked for validity."""
+        """Draw n configurations (n, d), uniform over all coordinates' ranges; not checked for validity.
+
+        Raises:
+            InvalidInputError: ``n`` is negative, or so many would take more memory than is allowed.
+        """
+        n = count("n", n, least=0, each=8 * self.dimension, what="so many configurations")
         return self.lower + rng.random((n, self.dimension)) * (self.upper - self.lower)
 
     def valid(self, q: Configurations) -> BoolArray | bool:
@@ -196,8 +203,8 @@ class ConfigurationSpace:
         Any angle will do. Configurations that are not finite, or beyond 1e12, are not valid.
         """
         if np.ndim(q) == 1:
-            return bool(collision.pose_free(self._one(q), self.geometry))
-        return collision.poses_free(self._batch(q), self.geometry)
+            return bool(collision.pose_free(self.configuration(q), self.geometry))
+        return collision.poses_free(self.batch(q), self.geometry)
 
     def clearance(self, q: Configurations) -> FloatArray | float:
         """Distance from the robot to the nearest obstacle or bound, 0 where invalid: (n, d) -> (n,).
@@ -205,12 +212,12 @@ class ConfigurationSpace:
         Where its own bodies must keep off each other, their distances count, too.
         """
         if np.ndim(q) == 1:
-            return float(collision.pose_clearance(self._one(q), self.geometry))
-        return collision.pose_clearances(self._batch(q), self.geometry)
+            return float(collision.pose_clearance(self.configuration(q), self.geometry))
+        return collision.pose_clearances(self.batch(q), self.geometry)
 
     def motion_free(self, a: Configurations, b: Configurations) -> bool:
         """Whether the straight motion a -> b is certified free: never wrongly True; the same as b -> a."""
-        return bool(collision.motion_free(self._one(a), self._one(b), self.geometry))
+        return bool(collision.motion_free(self.configuration(a), self.configuration(b), self.geometry))
 
     def motions_free(self, starts: Configurations, ends: Configurations) -> BoolArray:
         """`motion_free` for each pair of rows: (n, d), (n, d) -> (n,)."""
@@ -219,7 +226,7 @@ class ConfigurationSpace:
 
     def first_contact(self, a: Configurations, b: Configurations) -> float:
         """Certified free fraction of the motion a -> b: every pose up to it is valid; 1.0 = all of it."""
-        return float(collision.motion_fraction(self._one(a), self._one(b), self.geometry))
+        return float(collision.motion_fraction(self.configuration(a), self.configuration(b), self.geometry))
 
     def first_contacts(self, starts: Configurations, ends: Configurations) -> FloatArray:
         """`first_contact` for each pair of rows: (n, d), (n, d) -> (n,)."""
@@ -240,8 +247,12 @@ class ConfigurationSpace:
             digest.update(len(body).to_bytes(8, "little") + body)
         return digest.hexdigest()
 
-    def _one(self, q: Configurations) -> FloatArray:
-        """One configuration as the kernels want it: a writable C array, for others would recompile them."""
+    def configuration(self, q: Configurations) -> FloatArray:
+        """One configuration (d,) as the kernels want it: a writable C array, for others would recompile them.
+
+        Raises:
+            InvalidInputError: It has another shape.
+        """
         if not (type(q) is np.ndarray and q.dtype == np.float64 and q.flags.carray):
             q = np.array(q, dtype=np.float64)
         if q.shape != (self.dimension,):
@@ -252,7 +263,12 @@ class ConfigurationSpace:
             return self.wrap(q)
         return q
 
-    def _batch(self, q: Configurations) -> FloatArray:
+    def batch(self, q: Configurations) -> FloatArray:
+        """Configurations (n, d) as the kernels want them.
+
+        Raises:
+            InvalidInputError: They have another shape.
+        """
         batch = np.require(q, dtype=np.float64, requirements=["C", "W"])
         if batch.ndim != 2 or batch.shape[1] != self.dimension:
             raise InvalidInputError(
@@ -267,7 +283,7 @@ class ConfigurationSpace:
         return batch
 
     def _pairs(self, starts: Configurations, ends: Configurations) -> tuple[FloatArray, FloatArray]:
-        starts, ends = self._batch(starts), self._batch(ends)
+        starts, ends = self.batch(starts), self.batch(ends)
         if len(starts) != len(ends):
             raise InvalidInputError(f"expected as many starts as ends, got {len(starts)} and {len(ends)}")
         return starts, ends
@@ -313,6 +329,6 @@ def _checked_tolerance(tolerance: float | None, robot: Mechanism, environment: E
     if not (math.isfinite(value) and value >= smallest):
         raise InvalidInputError(
             f"the tolerance must be finite and at least {smallest:.3g} (for coordinates up to "
-            f"{max(local, outer):.6g}), got {value!r}"
+            f"{max(local, outer):.6g}), got {shown(value)}"
         )
     return value

@@ -11,7 +11,8 @@ from typing import TYPE_CHECKING, Any, ClassVar, Final
 import numpy as np
 from numpy.typing import NDArray
 
-from guided_gym.checks import number
+from guided_gym.checks import number, shown
+from guided_gym.doors import door
 from guided_gym.errors import InvalidInputError
 
 if TYPE_CHECKING:
@@ -44,6 +45,7 @@ class GuidingSpace(ABC):
     name: ClassVar[str] = ""
     expression: str = ""
 
+    @door
     def __init__(self, *, temperature: float = 0.0, expansion_penalty: float = 0.1) -> None:
         self.temperature = number("temperature", temperature, least=0)
         self.expansion_penalty = number("expansion_penalty", expansion_penalty, least=0)
@@ -154,7 +156,7 @@ class GuidingSpace(ABC):
         try:
             values = np.asarray(h, np.float64)
         except (TypeError, ValueError) as error:
-            raise InvalidInputError(f"{what}; got {h!r}") from error
+            raise InvalidInputError(f"{what}; got {shown(h)}") from error
         if values.shape != (count,):
             raise InvalidInputError(f"{what}; got shape {values.shape}")
         if count and not values.min() >= 0:  # nor is NaN

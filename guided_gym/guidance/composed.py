@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from guided_gym.checks import flag, instance, number
+from guided_gym.doors import door, doors
 from guided_gym.errors import InvalidInputError
 from guided_gym.geometry.environment import Environment
 from guided_gym.guidance.base import GuidingSpace
@@ -27,6 +28,7 @@ from guided_gym.search.tree import SearchTree
 Floats = NDArray[np.float64]
 
 
+@doors
 @dataclass(frozen=True)
 class Lesson:
     """What a failed expansion teaches the solver. Lengths are in units of the space's natural length.
@@ -76,6 +78,7 @@ class Composed(GuidingSpace):
 
     name: ClassVar[str] = "composed"
 
+    @door
     def __init__(
         self,
         solver: CostToGo,

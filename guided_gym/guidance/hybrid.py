@@ -9,6 +9,8 @@ from typing import Any, ClassVar
 import numpy as np
 from numpy.typing import NDArray
 
+from guided_gym.checks import shown
+from guided_gym.doors import door
 from guided_gym.errors import InvalidInputError
 from guided_gym.guidance.base import GuidingSpace, draw
 from guided_gym.guidance.rules import Rule, Swap
@@ -34,20 +36,24 @@ class Hybrid(GuidingSpace):
 
     name: ClassVar[str] = "hybrid"
 
+    @door
     def __init__(self, guides: Sequence[GuidingSpace], rule: Rule | None = None) -> None:
         super().__init__(expansion_penalty=0.0)
         if isinstance(guides, str) or not isinstance(guides, Sequence) or not guides:
-            raise InvalidInputError(f"guides: expected a sequence of guiding spaces, got {guides!r}")
+            raise InvalidInputError(f"guides: expected a sequence of guiding spaces, got {shown(guides)}")
         self.guides = list(guides)
         for guide in self.guides:
             if not isinstance(guide, GuidingSpace):
                 raise InvalidInputError(
-                    f"guides: expected guiding spaces (`make_guidance` makes them of names), got {guide!r}"
+                    "guides: expected guiding spaces (`make_guidance` makes them of names), "
+                    f"got {shown(guide)}"
                 )
         if len({id(guide) for guide in self.guides}) != len(self.guides):
             raise InvalidInputError("guides: expected each instance once, got one of them twice")
         if rule is not None and not all(hasattr(rule, name) for name in ("begin", "weights", "learn")):
-            raise InvalidInputError(f"rule: expected an object with begin, weights and learn, got {rule!r}")
+            raise InvalidInputError(
+                f"rule: expected an object with begin, weights and learn, got {shown(rule)}"
+            )
         self.rule: Rule = Swap() if rule is None else rule
         self.current = 0
 
@@ -84,7 +90,7 @@ class Hybrid(GuidingSpace):
             )
         if not given.any():
             raise InvalidInputError(
-                f"rule {type(self.rule).__name__}: expected a weight > 0, got {weights!r}"
+                f"rule {type(self.rule).__name__}: expected a weight > 0, got {shown(weights)}"
             )
         return given
 

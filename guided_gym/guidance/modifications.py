@@ -16,7 +16,7 @@ from typing import Any, Final, Protocol
 import numpy as np
 import shapely
 
-from guided_gym.checks import instance, integer, number
+from guided_gym.checks import instance, integer, number, shown
 from guided_gym.errors import InvalidInputError
 from guided_gym.geometry.environment import Environment
 from guided_gym.geometry.linkages import Linkage
@@ -190,7 +190,8 @@ class Links:
         if not (isinstance(robot, Linkage | SpatialArm) and self.links <= len(robot.joints)):
             joints = len(robot.joints) if isinstance(robot, Linkage | SpatialArm) else 0
             raise InvalidInputError(
-                f"links: expected a robot with at least {self.links} joints, got {robot.name!r} with {joints}"
+                f"links: expected a robot with at least {self.links} joints, "
+                f"got {shown(robot.name)} with {joints}"
             )
         shorter = _first_links(robot, self.links)
         self._kept = shorter.dimension
@@ -215,7 +216,7 @@ class Subset:
             dimensions = range(integer("dimensions", dimensions, least=1))
         self.dimensions = tuple(integer("dimensions", i, least=0) for i in dimensions)
         if not self.dimensions or len(set(self.dimensions)) != len(self.dimensions):
-            raise InvalidInputError(f"dimensions: expected different coordinates, got {dimensions!r}")
+            raise InvalidInputError(f"dimensions: expected different coordinates, got {shown(dimensions)}")
 
     def space(self, space: ConfigurationSpace, environment: Environment, start: Floats) -> ConfigurationSpace:
         """The slice of C through the start."""
@@ -339,7 +340,7 @@ def _with_bodies(robot: Mechanism, change: Callable[[Any], Any]) -> Mechanism:
         return replace(robot, bodies=tuple(replace(body, shape=change(body.shape)) for body in robot.bodies))
     if isinstance(robot, Robot):
         return replace(robot, outline=change(robot.outline))
-    raise InvalidInputError(f"bodies: expected another robot, got {robot.name!r}")
+    raise InvalidInputError(f"bodies: expected another robot, got {shown(robot.name)}")
 
 
 @lru_cache(maxsize=64)

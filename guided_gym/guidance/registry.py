@@ -7,6 +7,8 @@ import inspect
 from collections.abc import Iterator, Sequence
 from typing import Any, Final, TypeVar
 
+from guided_gym.checks import shown
+from guided_gym.doors import door
 from guided_gym.errors import InvalidInputError, UnknownNameError
 from guided_gym.guidance.base import GuidingSpace
 from guided_gym.guidance.cells import Uninformed, Voronoi
@@ -50,7 +52,7 @@ class _Guidances(Table):
         except (ImportError, AttributeError, ValueError, TypeError) as error:
             raise InvalidInputError(f"guidance {name!r}: {error}") from error
         if not (isinstance(maker, type) and issubclass(maker, GuidingSpace)):
-            raise InvalidInputError(f"guidance {name!r}: expected a GuidingSpace, got {maker!r}")
+            raise InvalidInputError(f"guidance {name!r}: expected a GuidingSpace, got {shown(maker)}")
         return maker
 
     def build(self, call: Call, text: str, /, **options: Any) -> GuidingSpace:
@@ -65,7 +67,7 @@ class _Guidances(Table):
         made = super().build(call, text, **options)
         if not isinstance(made, GuidingSpace):
             raise InvalidInputError(
-                f"guidance {call.name!r}: expected it to make a GuidingSpace, got {made!r}"
+                f"guidance {call.name!r}: expected it to make a GuidingSpace, got {shown(made)}"
             )
         if call.name in self and made.name != call.name:  # a recipe: its parts do not know its name
             setattr(made, "name", call.name)  # noqa: B010  a class variable for all others
@@ -99,6 +101,7 @@ register_kind("environment", ENVIRONMENT_TABLE)
 register_kind("rule", Table("rule", RULES))
 
 
+@door
 def register_guidance(maker: M, name: str | None = None, *, replace: bool = False) -> M:
     """Makes a guiding space known by a name, everywhere a name is taken; a decorator of a class or function.
 
@@ -117,11 +120,12 @@ def register_guidance(maker: M, name: str | None = None, *, replace: bool = Fals
     if isinstance(maker, type) or not callable(maker):
         raise InvalidInputError(
             "register_guidance: expected a subclass of GuidingSpace, or a function that makes one, "
-            f"got {maker!r}"
+            f"got {shown(maker)}"
         )
     return GUIDANCES.register(maker, name, replace=replace)
 
 
+@door
 def register_solver(maker: M, name: str, *, replace: bool = False) -> M:
     """Makes a solver known: ``name(robot=..., environment=...)`` is a guiding space from then on.
 
@@ -140,6 +144,7 @@ def register_solver(maker: M, name: str, *, replace: bool = False) -> M:
     return maker
 
 
+@door
 def register_robot(maker: M, name: str, *, replace: bool = False) -> M:
     """Makes a robot modification known: a word for ``robot=...``.
 
@@ -155,6 +160,7 @@ def register_robot(maker: M, name: str, *, replace: bool = False) -> M:
     return ROBOT_TABLE.register(maker, name, replace=replace)
 
 
+@door
 def register_environment(maker: M, name: str, *, replace: bool = False) -> M:
     """Makes an environment modification known: a word for ``environment=...``.
 
@@ -176,11 +182,12 @@ def _check_parts(what: str, maker: object, parts: tuple[str, ...]) -> None:
         lacks = [part for part in parts if not any(part in vars(base) for base in maker.__mro__)]
     if not callable(maker) or lacks:
         raise InvalidInputError(
-            f"{what}: expected a class with {', '.join(parts)}, or a function that makes one, got {maker!r}"
-            + (f", which lacks {', '.join(lacks)}" if lacks else "")
+            f"{what}: expected a class with {', '.join(parts)}, or a function that makes one, "
+            f"got {shown(maker)}" + (f", which lacks {', '.join(lacks)}" if lacks else "")
         )
 
 
+@door
 def guidance_names() -> list[str]:
     """Names of the guiding spaces, in order of appearance."""
     return list(GUIDANCES)
@@ -216,6 +223,7 @@ def parts(call: Call) -> Iterator[tuple[Call, Table]]:
     return walk(call, GUIDANCES)
 
 
+@door
 def make_guidance(guidance: GuidingSpace | Call | str, /, **options: Any) -> GuidingSpace:
     """A guiding space from its name.
 
@@ -235,7 +243,7 @@ def make_guidance(guidance: GuidingSpace | Call | str, /, **options: Any) -> Gui
             raise InvalidInputError(f"options {sorted(options)} need a name, got the instance {guidance!r}")
         return guidance
     if not isinstance(guidance, str | Call):
-        raise InvalidInputError(f"guidance: expected a name or a guiding space, got {guidance!r}")
+        raise InvalidInputError(f"guidance: expected a name or a guiding space, got {shown(guidance)}")
     made: GuidingSpace = GUIDANCES.make(guidance, **options)
     return made
 
@@ -268,6 +276,7 @@ def make_searcher(
     return make_guidance(searcher, **options)
 
 
+@door
 def make_guides(guides: object) -> list[GuidingSpace]:
     """Guiding spaces of a sequence of names, or of guiding spaces, as hybrids take them.
 
@@ -276,7 +285,7 @@ def make_guides(guides: object) -> list[GuidingSpace]:
         InvalidInputError: No sequence, or an empty one.
     """
     if isinstance(guides, str) or not isinstance(guides, Sequence) or not guides:
-        raise InvalidInputError(f"guides: expected a sequence of guiding spaces, got {guides!r}")
+        raise InvalidInputError(f"guides: expected a sequence of guiding spaces, got {shown(guides)}")
     return [make_guidance(guide) for guide in guides]
 
 

@@ -12,7 +12,7 @@ from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import replace
 from typing import Any, Final, TypeVar
 
-from guided_gym.checks import same_place
+from guided_gym.checks import same_place, shown
 from guided_gym.errors import InvalidInputError, UnknownNameError
 from guided_gym.guidance.grammar import JOINED, Call, Option, is_name, parse, place
 
@@ -62,7 +62,7 @@ class Table:
         if not is_name(name):
             raise InvalidInputError(
                 f"name of {self.kind} {maker!r}: expected a word that means nothing else in an expression "
-                f"(no blanks and none of ',()[]=@+:' and quotes), got {name!r}"
+                f"(no blanks and none of ',()[]=@+:' and quotes), got {shown(name)}"
             )
         taken = self.rows.get(name)
         if not replace and taken is not None and not same_place(taken, maker):
@@ -262,7 +262,7 @@ def _value(option: str, value: Any, text: str, known: Mapping[str, inspect.Param
     if table is not None:
         default = known[option].default if option in known else None
         if isinstance(value, int | float | list | tuple) or (value is None and default is not None):
-            raise InvalidInputError(f"{option}: expected a {table.kind} or its name, got {value!r}")
+            raise InvalidInputError(f"{option}: expected a {table.kind} or its name, got {shown(value)}")
         return _member(table, value, text)
     if isinstance(value, Call):
         if not value.bare:

@@ -11,6 +11,7 @@ from functools import cached_property, partial
 import numpy as np
 import numpy.typing as npt
 
+from guided_gym.checks import shown
 from guided_gym.errors import InvalidInputError, NoPathError, StorageError
 from guided_gym.geometry.space import ConfigurationSpace
 from guided_gym.kernels import cost_grid as grid
@@ -451,7 +452,8 @@ def _checked(space: ConfigurationSpace, resolution: Sequence[int]) -> tuple[int,
     counts = tuple(int(n) for n in resolution)
     if len(counts) != space.dimension or min(counts) < 4:
         raise InvalidInputError(
-            f"expected {space.dimension} vertex counts of at least 4 each as resolution, got {resolution!r}"
+            f"expected {space.dimension} vertex counts of at least 4 each as resolution, "
+            f"got {shown(resolution)}"
         )
     return counts
 

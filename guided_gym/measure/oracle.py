@@ -14,6 +14,7 @@ from typing import Final
 import numpy as np
 import numpy.typing as npt
 
+from guided_gym.doors import doors
 from guided_gym.errors import InvalidInputError, StorageError
 from guided_gym.geometry.robots import Robot, rigid
 from guided_gym.geometry.space import ConfigurationSpace
@@ -41,6 +42,7 @@ _KINDS: Final[dict[str, type[GridSolution] | type[RoadmapSolution]]] = {
 }
 
 
+@doors
 class Oracle:
     """Shortest-path distances to one goal, d_C(q, t), as exact as its options ask or its budget allows.
 

@@ -14,6 +14,7 @@ from typing import Any, Final
 import numpy as np
 from numpy.typing import NDArray
 
+from guided_gym.checks import shown
 from guided_gym.errors import InvalidInputError, NoPathError
 from guided_gym.geometry.space import ConfigurationSpace
 from guided_gym.kernels import cost_grid
@@ -459,7 +460,7 @@ class RoadmapSolution:
 def _checked(resolution: tuple[int, ...]) -> int:
     if len(resolution) != 1:
         raise InvalidInputError(
-            f"expected one number of vertices as a roadmap's resolution, got {resolution!r}"
+            f"expected one number of vertices as a roadmap's resolution, got {shown(resolution)}"
         )
     return int(resolution[0])
 

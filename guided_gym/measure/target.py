@@ -8,7 +8,8 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from guided_gym.checks import integer
+from guided_gym.checks import integer, shown
+from guided_gym.doors import door, doors
 from guided_gym.errors import InvalidInputError
 from guided_gym.kernels.softmin import choice_efficiency as softmin_choice
 from guided_gym.measure.oracle import oracle_for
@@ -19,13 +20,24 @@ from guided_gym.search.tree import NO_PARENT, SearchTree
 SUM_TOLERANCE = 1e-6  # of probabilities that add up to 1, as those in float32 do
 
 
+@door
 def suboptimality(
     cost_to_come: NDArray[np.float64], cost_to_go: NDArray[np.float64], optimum: float
 ) -> NDArray[np.float64]:
-    """delta_v = d_T(s, v) + d_C(v, t) - d_C(s, t), clipped at 0 against the oracle's error; (n,)."""
+    """delta_v = d_T(s, v) + d_C(v, t) - d_C(s, t), clipped at 0 against the oracle's error; (n,).
+
+    Raises:
+        InvalidInputError: The two are not over the same nodes.
+    """
+    if np.shape(cost_to_come) != np.shape(cost_to_go):
+        raise InvalidInputError(
+            "expected cost_to_come and cost_to_go over the same nodes, got shapes "
+            f"{np.shape(cost_to_come)} and {np.shape(cost_to_go)}"
+        )
     return np.maximum(cost_to_come + cost_to_go - optimum, 0.0)
 
 
+@door
 def target(
     delta: ArrayLike, tau: ArrayLike, scale: float, parameters: TargetParameters = DEFAULT_TARGET
 ) -> NDArray[np.float64]:
@@ -52,7 +64,7 @@ def target(
             f"expected delta and tau over the same nodes, got shapes {delta.shape} and {tau.shape}"
         )
     if not (np.isfinite(scale) and scale >= 0):
-        raise InvalidInputError(f"scale: expected a finite length >= 0, got {scale!r}")
+        raise InvalidInputError(f"scale: expected a finite length >= 0, got {shown(scale)}")
     if parameters.normalisation == "tree":
         energy = _over_largest(delta) / parameters.delta + _over_largest(tau) / parameters.tau
     else:
@@ -99,7 +111,7 @@ def smooth(weights: NDArray[np.float64], epsilon: float) -> NDArray[np.float64]:
     if not (np.isfinite(largest) and largest > 0 and (weights >= 0).all()):
         raise InvalidInputError("weights: expected finite numbers >= 0, not all zero")
     if not 0 <= epsilon < 1:
-        raise InvalidInputError(f"epsilon: expected a number in [0, 1), got {epsilon!r}")
+        raise InvalidInputError(f"epsilon: expected a number in [0, 1), got {shown(epsilon)}")
     n = weights.size
     if epsilon * n >= 1:
         return np.full(n, 1.0 / n)
@@ -111,6 +123,7 @@ def smooth(weights: NDArray[np.float64], epsilon: float) -> NDArray[np.float64]:
     return smoothed
 
 
+@door
 def sampling_efficiency(p: ArrayLike, q: ArrayLike) -> float:
     """SE_Q(P) = D_KL(P || Q), lower is better; infinite where Q has no mass and P has.
 
@@ -153,13 +166,14 @@ def choice_efficiency(q: ArrayLike, node: int) -> float:
     """
     q = np.asarray(q, np.float64)
     if q.ndim != 1 or not 0 <= node < q.size:
-        raise InvalidInputError(f"node: expected an integer, 0 to {q.size - 1}, got {node!r}")
+        raise InvalidInputError(f"node: expected an integer, 0 to {q.size - 1}, got {shown(node)}")
     if not 0 <= q[node] <= 1 + SUM_TOLERANCE:
         raise InvalidInputError(f"Q: expected a probability of node {node}, got {q[node]}")
     with np.errstate(divide="ignore"):
         return max(float(-np.log(q[node])), 0.0) + 0.0  # never -0.0
 
 
+@door
 def jensen_shannon(p: ArrayLike, q: ArrayLike) -> float:
     """D_JS(P || Q), between 0 and log 2; same arguments and errors as `sampling_efficiency`."""
     p, q = _paired(p, q)
@@ -168,6 +182,7 @@ def jensen_shannon(p: ArrayLike, q: ArrayLike) -> float:
     return min(max(0.5 * (_divergence(p, log_m) + _divergence(q, log_m)), 0.0), float(np.log(2)))
 
 
+@door
 def entropy(samples: ArrayLike, bins: int, bounds: ArrayLike) -> float:
     """Entropy of an observed sampling distribution over C (the paper's multiple-sample level), in nats.
 
@@ -224,6 +239,7 @@ class Measured(Protocol):
         """Among them, the parameters of the target distribution."""
 
 
+@doors
 class Measure:
     """The metric of one search: work remaining, suboptimality and target over the nodes of its tree.
 
@@ -312,7 +328,7 @@ class Measure:
         n = self._n if size is None else size
         if not 0 <= node < n <= self._n:  # the kernel checks no bounds
             raise InvalidInputError(
-                f"expected a node of a tree of {self._n} nodes at most, got {node!r} of {n}"
+                f"expected a node of a tree of {self._n} nodes at most, got {shown(node)} of {n}"
             )
         if self.parameters.normalisation == "tree":
             delta = suboptimality(self._tree.cost_to_come[:n], self._tau[:n], self.optimum)
@@ -344,7 +360,7 @@ class Measure:
         n = self._n if size is None else size
         if not (0 <= node < n <= self._n and 0 <= chosen < len(children)):
             raise InvalidInputError(
-                f"expected a node of {n} and a child of {len(children)}, got {node!r} and {chosen!r}"
+                f"expected a node of {n} and a child of {len(children)}, got {shown(node)} and {chosen!r}"
             )
         tree = self._tree
         q = tree.nodes.configurations[node]

@@ -18,7 +18,8 @@ from typing import Any, Final
 import numpy as np
 from numpy.typing import NDArray
 
-from guided_gym.checks import flag, integer, number
+from guided_gym.checks import flag, integer, number, shown
+from guided_gym.doors import doors
 from guided_gym.errors import InvalidInputError, UnknownNameError
 from guided_gym.options import SearchOptions
 from guided_gym.planners.query import Query
@@ -168,7 +169,7 @@ def _checked(name: str, value: Any, kind: type) -> Any:
     share = name.endswith(("_bias", "_fraction"))
     value = number(name, value, least=0)
     if share and value > 1:
-        raise InvalidInputError(f"{name}: expected a share, 0 to 1, got {value!r}")
+        raise InvalidInputError(f"{name}: expected a share, 0 to 1, got {shown(value)}")
     return value
 
 
@@ -208,6 +209,7 @@ class _Answers:
         return self._check(self._configuration(first), self._configuration(second))
 
 
+@doors
 class OmplPlanner(WatchedPlanner):
     """A planner of OMPL, watched as it plans.
 
@@ -257,7 +259,7 @@ class OmplPlanner(WatchedPlanner):
         self.resolution = number("resolution", resolution, least=0, below=1)
         self.seconds = number("seconds", seconds, above=0, what="time")
         if angles not in ANGLES:
-            raise InvalidInputError(f"angles: expected {' or '.join(map(repr, ANGLES))}, got {angles!r}")
+            raise InvalidInputError(f"angles: expected {' or '.join(map(repr, ANGLES))}, got {shown(angles)}")
         self.angles, self.first = angles, flag("first", first)
         self.certified = self.resolution == 0
         self._query: Query | None = None

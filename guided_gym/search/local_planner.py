@@ -6,15 +6,17 @@ import numpy as np
 from numpy.typing import NDArray
 
 from guided_gym.checks import integer, number
+from guided_gym.doors import doors
 from guided_gym.errors import warn
 from guided_gym.geometry.space import ConfigurationSpace
 from guided_gym.kernels.metric import ball_samples, steer
-from guided_gym.options import DEFAULT_CANDIDATES
+from guided_gym.options import DEFAULT_CANDIDATES, checked_candidates
 
 _LONG = 1.5
 """Steps longer than this times what the free space suits are warned of."""
 
 
+@doors
 class LocalPlanner:
     """Straight motions of at most ``step``: N_C(v) is the ball of that radius around v.
 
@@ -50,8 +52,13 @@ class LocalPlanner:
         self.candidate_count = integer("candidates", candidates, least=1)
 
     def candidates(self, q: NDArray[np.float64], count: int | None = None) -> NDArray[np.float64]:
-        """(k, d) configurations drawn uniformly from the ball N_C(q)."""
-        k = self.candidate_count if count is None else count
+        """(k, d) configurations drawn uniformly from the ball N_C(q).
+
+        Raises:
+            InvalidInputError: ``q`` is no configuration, or the count no positive integer.
+        """
+        k = self.candidate_count if count is None else checked_candidates(count)
+        q = self.space.configuration(q)
         normals, radii = self.rng.standard_normal((k, q.size)), self.rng.random(k)
         return ball_samples(q, normals, radii, self.step, self.space.metric)
 
@@ -61,5 +68,10 @@ class LocalPlanner:
         return candidate
 
     def steer(self, q: NDArray[np.float64], towards: NDArray[np.float64]) -> NDArray[np.float64]:
-        """(d,) the configuration of N_C(q) nearest to ``towards`` on the straight motion to it."""
+        """(d,) the configuration of N_C(q) nearest to ``towards`` on the straight motion to it.
+
+        Raises:
+            InvalidInputError: One of the two is no configuration.
+        """
+        q, towards = self.space.configuration(q), self.space.configuration(towards)
         return steer(q, towards, self.step, self.space.metric)

@@ -15,7 +15,8 @@ from typing import Any, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from guided_gym.checks import instance
+from guided_gym.checks import instance, integer, shown
+from guided_gym.doors import doors
 from guided_gym.errors import InvalidInputError
 from guided_gym.kernels.extend import FAILED, GREW, REACHED, REACHED_TOLERANCE, attempt, grow_rrt
 from guided_gym.options import SearchOptions
@@ -92,6 +93,7 @@ class Watcher(Protocol):
         """The tree has changed without a sample: nodes, or one new parent, of a watched planner."""
 
 
+@doors
 class Search:
     """One search in progress: the problem, its tree, and the step that grows it.
 
@@ -260,8 +262,7 @@ class Search:
         Raises:
             InvalidInputError: It is none.
         """
-        if not ((type(node) is int or isinstance(node, int | np.integer)) and 0 <= node < len(self.tree)):
-            raise InvalidInputError(f"node: expected an integer, 0 to {len(self.tree) - 1}, got {node!r}")
+        self.tree.check_node(node)
 
     def _checked(self, node: int, target: NDArray[np.float64]) -> NDArray[np.float64]:
         """``target`` as the kernels take it; they check no bounds."""
@@ -269,7 +270,7 @@ class Search:
         if not (type(target) is np.ndarray and target.dtype == np.float64 and target.flags.carray):
             target = np.require(target, np.float64, ["C", "W"])
         if target.shape != self.start.shape or not all(map(math.isfinite, target.tolist())):
-            raise InvalidInputError(f"target: expected {self.start.size} finite numbers, got {target!r}")
+            raise InvalidInputError(f"target: expected {self.start.size} finite numbers, got {shown(target)}")
         return target
 
     def extend_towards(self, samples: NDArray[np.float64]) -> NDArray[np.int32]:
@@ -282,7 +283,11 @@ class Search:
 
         Returns:
             (k, 2) selected node and new node (NO_NODE after a failure) of each of the k <= m samples used.
+
+        Raises:
+            InvalidInputError: The samples have another shape.
         """
+        samples = self.space.batch(samples)
         tree, task = self.tree, self.task
         count = len(samples)
         index = tree.index
@@ -315,7 +320,11 @@ class Search:
             failures: How many failures.
             checks: How many motions it looked at.
             reached: Whether the last node reaches the goal.
+
+        Raises:
+            InvalidInputError: There is no room for so many.
         """
+        checks = integer("checks", checks, least=0)
         self.tree.grown(nodes, failures)
         self.samples += nodes + failures
         self.collision_checks += checks
@@ -323,7 +332,12 @@ class Search:
             self.reach(len(self.tree) - 1)
 
     def reach(self, node: int) -> None:
-        """Take note of a node that reaches the goal, by the rule of the task."""
+        """Take note of a node that reaches the goal, by the rule of the task.
+
+        Raises:
+            InvalidInputError: There is no such node.
+        """
+        self.check_node(node)
         q, task = self.tree.nodes.configurations[node], self.task
         # By nearness alone the path ends at the node.
         joined = task.by_edge and (task.tolerance == 0 or self.space.motion_free(q, self.goal))

@@ -8,6 +8,8 @@ from typing import TYPE_CHECKING, Any, Final, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
+from guided_gym.checks import count, integer, number, shown, vector
+from guided_gym.doors import doors
 from guided_gym.errors import InvalidInputError
 from guided_gym.kernels.extend import Failures, Nodes
 
@@ -16,6 +18,7 @@ if TYPE_CHECKING:
     from guided_gym.structures.nearest import GrowingIndex
 
 NO_PARENT: Final = -1
+_ROW: Final = 40  # bytes of a node and a failure, beside their configurations
 ROOT: Final = 0
 
 Floats = NDArray[np.float64]
@@ -30,6 +33,7 @@ def _readonly(array: _Array) -> _Array:
     return view
 
 
+@doors
 class SearchTree:
     """A tree of configurations rooted at the start, grown one node at a time in O(1).
 
@@ -50,10 +54,10 @@ class SearchTree:
     """
 
     def __init__(self, space: ConfigurationSpace, root: NDArray[np.float64], capacity: int = 256) -> None:
-        if capacity < 1:
-            raise InvalidInputError(f"capacity: expected at least 1, got {capacity}")
-        self.space = space
         d = space.dimension
+        count("capacity", capacity, least=1, each=_ROW + 24 * d, what="a tree of so many nodes")
+        root = vector("root", root, d)
+        self.space = space
         self._n = 0
         self._failed = 0
         self.nodes = Nodes(
@@ -142,8 +146,21 @@ class SearchTree:
         return index
 
     def nearest(self, q: NDArray[np.float64]) -> int:
-        """Index of the node nearest to q; the lowest on ties."""
-        return int(self.index.nearest(q)[0])
+        """Index of the node nearest to q; the lowest on ties.
+
+        Raises:
+            InvalidInputError: ``q`` is no configuration.
+        """
+        return int(self.index.nearest(self.space.configuration(q))[0])
+
+    def check_node(self, node: int) -> None:
+        """Refuse what is no node of this tree; kernels would read beyond it.
+
+        Raises:
+            InvalidInputError: It is none.
+        """
+        if not ((type(node) is int or isinstance(node, int | np.integer)) and 0 <= node < self._n):
+            raise InvalidInputError(f"node: expected an integer, 0 to {self._n - 1}, got {shown(node)}")
 
     def _append(self, q: NDArray[np.float64], parent: int, cost: float, depth: int) -> int:
         i = self._n
@@ -157,14 +174,28 @@ class SearchTree:
         return i
 
     def add(self, q: NDArray[np.float64], parent: int, length: float) -> int:
-        """Append q as a child of ``parent`` over an edge of the given length; returns its index."""
+        """Append q as a child of ``parent`` over an edge of the given length; returns its index.
+
+        Raises:
+            InvalidInputError: There is no such node, ``q`` is no configuration, or the length is none.
+        """
+        self.check_node(parent)
+        q = self.space.configuration(q)
+        if not length >= 0:  # nor is NaN
+            raise InvalidInputError(f"length: expected a number >= 0, got {shown(length)}")
         cost = float(self.nodes.costs[parent]) + length
         child = self._append(q, parent, cost, int(self.nodes.depths[parent]) + 1)
         self.nodes.children[parent] += 1
         return child
 
     def add_failure(self, node: int, target: NDArray[np.float64], contact: NDArray[np.float64]) -> None:
-        """Append (node, target) to the failed expansions; ``contact`` is the colliding configuration."""
+        """Append (node, target) to the failed expansions; ``contact`` is the colliding configuration.
+
+        Raises:
+            InvalidInputError: There is no such node, or one of the two is no configuration.
+        """
+        self.check_node(node)
+        target, contact = self.space.configuration(target), self.space.configuration(contact)
         i = self._failed
         if i == self.failed.nodes.size:
             self.failed = _doubled(self.failed)
@@ -175,7 +206,12 @@ class SearchTree:
         self._failed = i + 1
 
     def path_to(self, node: int) -> NDArray[np.int32]:
-        """(k,) node indices from the root to ``node``."""
+        """(k,) node indices from the root to ``node``.
+
+        Raises:
+            InvalidInputError: There is no such node.
+        """
+        self.check_node(node)
         path = [node]
         while (node := int(self.nodes.parents[node])) != NO_PARENT:
             path.append(node)
@@ -185,7 +221,15 @@ class SearchTree:
         """Give ``node`` a new parent over an edge of the given length; its subtree's costs follow.
 
         The caller vouches that the edge is free and that ``parent`` is no descendant of ``node``.
+
+        Raises:
+            InvalidInputError: There is no such node, or the length is none.
         """
+        self.check_node(node)
+        self.check_node(parent)
+        number("length", length, least=0)
+        if node == ROOT:
+            raise InvalidInputError("node: expected one that has a parent, got the root")
         self.nodes.children[self.nodes.parents[node]] -= 1
         self.nodes.children[parent] += 1
         self.nodes.parents[node] = parent
@@ -204,7 +248,13 @@ class SearchTree:
         self.rewirings += 1
 
     def reserve(self, extra: int) -> None:
-        """Make room for that many more nodes and failures."""
+        """Make room for that many more nodes and failures.
+
+        Raises:
+            InvalidInputError: No such number, or one that would take more memory than is allowed.
+        """
+        row = _ROW + 24 * self.space.dimension
+        count("extra", extra, least=0, each=row, what="a tree of so many nodes")
         while self.nodes.parents.size < self._n + extra:
             self.nodes = _doubled(self.nodes)
         while self.failed.nodes.size < self._failed + extra:
@@ -218,7 +268,15 @@ class SearchTree:
         return other
 
     def grown(self, nodes: int, failures: int) -> None:
-        """Take in the nodes and failures that a kernel has written behind the last ones."""
+        """Take in the nodes and failures that a kernel has written behind the last ones.
+
+        Raises:
+            InvalidInputError: More than there is room for.
+        """
+        spare = self.nodes.parents.size - self._n, self.failed.nodes.size - self._failed
+        for name, value, most in zip(("nodes", "failures"), (nodes, failures), spare, strict=True):
+            if integer(name, value, least=0) > most:
+                raise InvalidInputError(f"{name}: expected at most {most}, got {shown(value)}")
         self._n += nodes
         self._failed += failures
 

@@ -20,6 +20,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import ArrayLike
 
+from guided_gym.checks import shown
+from guided_gym.doors import doors
 from guided_gym.errors import InvalidInputError, StorageError
 from guided_gym.storage.path_library import FloatArray, PathLibrary, checked_path, path_length
 from guided_gym.storage.sqlite_file import FileFormat, connect, require_sound, storage_errors, transaction
@@ -97,10 +99,11 @@ class DatabaseHeader:
             here, wanted = getattr(self, field), getattr(other, field)
             if here != wanted:
                 raise InvalidInputError(
-                    f"{where} holds paths of another {field}: expected {wanted!r}, got {here!r}"
+                    f"{where} holds paths of another {field}: expected {wanted!r}, got {shown(here)}"
                 )
 
 
+@doors
 class PathDatabase:
     """Solved paths in one file; use it as a context manager, or call `close`.
 
@@ -404,7 +407,7 @@ def _read_header(path: Path, rows: list[Any]) -> DatabaseHeader:
 
 def _checked_seed(seed: int) -> int:
     if not isinstance(seed, (int, np.integer)) or isinstance(seed, bool) or not 0 <= seed <= _MAX_SEED:
-        raise InvalidInputError(f"expected a seed that is an integer in [0, 2**63), got {seed!r}")
+        raise InvalidInputError(f"expected a seed that is an integer in [0, 2**63), got {shown(seed)}")
     return int(seed)
 
 

@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from guided_gym.doors import doors
 from guided_gym.errors import InvalidInputError
 from guided_gym.structures.nearest import checked_metric
 
@@ -21,6 +22,7 @@ IntArray = NDArray[np.int64]
 _RADIUS_SLACK = 1e-9
 
 
+@doors
 @dataclass(frozen=True, eq=False)
 class PathLibrary:
     """Paths of solved problems, flat, read-only and in ascending order of their seeds.

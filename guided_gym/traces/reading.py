@@ -13,6 +13,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from guided_gym.catalogue.files import problem_of
+from guided_gym.checks import shown
+from guided_gym.doors import door, doors
 from guided_gym.errors import StorageError
 from guided_gym.kernels.metric import separation
 from guided_gym.options import SearchOptions
@@ -67,6 +69,7 @@ class Sample:
     parents: tuple[tuple[int, int], ...]
 
 
+@doors
 class Trace:
     """A trace that was read.
 
@@ -149,6 +152,7 @@ class Trace:
         return search
 
 
+@door
 def read_trace(path: str | Path) -> Trace:
     """Read a trace as far as it goes; of one that is truncated or damaged, what comes before.
 
@@ -317,7 +321,7 @@ def _checked_header(path: Path, line: str) -> Row:
         )
     guides = header.setdefault("guides", [])
     if not (isinstance(guides, list) and all(isinstance(name, str) for name in guides)):
-        raise StorageError(f"{path}: expected the guides' names in the first line, got {guides!r}")
+        raise StorageError(f"{path}: expected the guides' names in the first line, got {shown(guides)}")
     if not _number(header.get("step")) or not isinstance(header.get("rewire"), bool):
         raise StorageError(f"{path}: expected step and rewire in the first line, got none")
     return dict(header)

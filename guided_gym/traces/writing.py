@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from guided_gym.catalogue.files import problem_content
+from guided_gym.checks import shown
 from guided_gym.errors import InvalidInputError, StorageError
 from guided_gym.search.search import Expansion
 from guided_gym.traces.views import GuideView, leaf_guides
@@ -66,7 +67,9 @@ class TraceWriter:
         self._file: TextIO | None = None
         if self._path is None:
             if not isinstance(place, TextSink):
-                raise InvalidInputError(f"trace: expected a file or something to write to, got {place!r}")
+                raise InvalidInputError(
+                    f"trace: expected a file or something to write to, got {shown(place)}"
+                )
             self._sink: TextSink = place
         else:
             try:

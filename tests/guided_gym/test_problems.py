@@ -125,7 +125,7 @@ def test_problem__survives_pickling_and_copying() -> None:
 @pytest.mark.parametrize(
     ("parts", "message"),
     [
-        ((3, E, Task((1, 5, 0), (9, 5, 0))), "robot: expected a Robot, got 3"),
+        ((3, E, Task((1, 5, 0), (9, 5, 0))), "robot: expected a Mechanism, got 3"),
         ((R, (0, 0, 1, 1), Task((1, 5, 0), (9, 5, 0))), "environment: expected an Environment, got"),
         ((R, E, ((1, 5, 0), (9, 5, 0))), "task: expected a Task, got"),
         ((R, E, Task((1, 5, 0), (9, 5, 0)), "p", {"left": (0, 4)}), "regions: expected names with shapely"),

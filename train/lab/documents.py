@@ -17,6 +17,7 @@ from guided_gym.catalogue.files import (
     write_problem_file,
 )
 from guided_gym.catalogue.table import make_distribution
+from guided_gym.checks import shown
 from guided_gym.display.scene import robot_table
 from guided_gym.errors import GuidedGymError, InvalidInputError, StorageError
 from guided_gym.geometry.robots import Robot
@@ -78,7 +79,7 @@ class Folder:
         file = self.path / name
         if file.is_symlink() or (file.exists() and not file.is_file()):
             raise InvalidInputError(
-                f"name: expected a file of the lab's folder, got {name!r}, which is no file"
+                f"name: expected a file of the lab's folder, got {shown(name)}, which is no file"
             )
         return file
 
@@ -269,11 +270,11 @@ def checked_guidance(text: object) -> str:
     shipped = {f"learned:{name}" for name in shipped_agents()}
     for word in re.findall(r"[^\s,()\[\]=@+]*:[^\s,()\[\]=@+]*", text):
         if word not in shipped:
-            raise InvalidInputError(f"guidance: expected {' or '.join(sorted(shipped))}, got {word!r}")
+            raise InvalidInputError(f"guidance: expected {' or '.join(sorted(shipped))}, got {shown(word)}")
     call = read_guidance(text)
     for word in _words(call):
         if word in _READS_FILES or "." in word:
-            raise InvalidInputError(f"guidance: the lab reads no files for a guidance, got {word!r}")
+            raise InvalidInputError(f"guidance: the lab reads no files for a guidance, got {shown(word)}")
     for _ in parts(call):  # each of its names is known
         pass
     return text

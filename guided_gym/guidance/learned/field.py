@@ -15,6 +15,7 @@ from typing import Any, Final
 import numpy as np
 from numpy.typing import NDArray
 
+from guided_gym.checks import shown
 from guided_gym.errors import InvalidInputError, StorageError
 from guided_gym.guidance.solvers.wave import Arrivals, Field, FloatArray, PoseGrid, WaveModel
 from guided_gym.kernels import fields, marching
@@ -96,7 +97,7 @@ class FieldArchitecture:
             return cls(**entry)
         except (TypeError, ValueError) as error:
             raise StorageError(
-                f"card: expected the sizes of a field network, got {entry!r}: {error}"
+                f"card: expected the sizes of a field network, got {shown(entry)}: {error}"
             ) from None
 
 

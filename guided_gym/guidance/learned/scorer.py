@@ -14,6 +14,7 @@ from typing import Any, Final
 import numpy as np
 from numpy.typing import NDArray
 
+from guided_gym.checks import shown
 from guided_gym.errors import InvalidInputError, StorageError
 
 
@@ -54,7 +55,7 @@ class ScorerArchitecture:
     def __post_init__(self) -> None:
         object.__setattr__(self, "columns", tuple(self.columns))
         if self.hidden < 1:
-            raise InvalidInputError(f"node scorer: expected hidden >= 1, got {self.hidden!r}")
+            raise InvalidInputError(f"node scorer: expected hidden >= 1, got {shown(self.hidden)}")
 
     def shapes(self) -> dict[str, tuple[int, ...]]:
         """Name and shape of each tensor."""
@@ -81,7 +82,9 @@ class ScorerArchitecture:
         try:
             built = cls(**entry)
         except (TypeError, ValueError) as error:
-            raise StorageError(f"card: expected the sizes of a node scorer, got {entry!r}: {error}") from None
+            raise StorageError(
+                f"card: expected the sizes of a node scorer, got {shown(entry)}: {error}"
+            ) from None
         if built.columns != COLUMN_NAMES:
             raise StorageError(
                 f"card: expected weights for the node columns {', '.join(COLUMN_NAMES)}; got weights for "

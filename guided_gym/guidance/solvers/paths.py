@@ -8,7 +8,7 @@ from typing import Final
 
 import numpy as np
 
-from guided_gym.checks import integer, number
+from guided_gym.checks import integer, number, shown
 from guided_gym.errors import InvalidInputError, UnknownNameError
 from guided_gym.guidance.solvers.base import Floats, Query, require_body
 from guided_gym.guidance.solvers.graph import Anchors, Graph, GraphCostToGo, Int32s, Ints
@@ -62,7 +62,7 @@ class StoredPaths(GraphCostToGo):
                 self._file, self._header = str(database), store.header
                 database = store.load(paths)
         elif not hasattr(database, "most_similar"):
-            raise InvalidInputError(f"database: expected a file or a PathLibrary, got {database!r}")
+            raise InvalidInputError(f"database: expected a file or a PathLibrary, got {shown(database)}")
         elif paths is not None:
             database = database.subset(paths)
         self.library: PathLibrary = database

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from guided_gym.checks import integer
+from guided_gym.checks import integer, shown
 from guided_gym.errors import InvalidInputError
 from guided_gym.guidance.base import GuidingSpace
 from guided_gym.guidance.solvers.base import Floats, require_body
@@ -29,7 +29,7 @@ class Searched(GraphCostToGo):
 
     def __init__(self, guidance: GuidingSpace, *, samples: int = 1000, anchors: int = 8) -> None:
         if not isinstance(guidance, GuidingSpace):
-            raise InvalidInputError(f"guidance: expected a guiding space, got {guidance!r}")
+            raise InvalidInputError(f"guidance: expected a guiding space, got {shown(guidance)}")
         self.guidance = guidance
         self.samples = integer("samples", samples, least=1)
         self.anchors = integer("anchors", anchors, least=1)

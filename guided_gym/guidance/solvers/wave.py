@@ -17,7 +17,7 @@ import numpy as np
 import shapely
 from numpy.typing import NDArray
 
-from guided_gym.checks import affordable, integer, is_affordable, number
+from guided_gym.checks import affordable, integer, is_affordable, number, shown
 from guided_gym.errors import InvalidInputError
 from guided_gym.geometry.environment import Environment
 from guided_gym.geometry.robots import Robot, rigid
@@ -611,7 +611,7 @@ def check_grid(cells: int, headings: int) -> None:
     """
     for name, value, part in (("cells", cells, 8), ("headings", headings, 4)):
         if integer(name, value, least=part) % part:
-            raise InvalidInputError(f"{name}: expected a multiple of {part}, got {value!r}")
+            raise InvalidInputError(f"{name}: expected a multiple of {part}, got {shown(value)}")
     affordable("cells, headings", (cells, headings), _grid_bytes(cells, headings), "the grid of poses")
 
 
