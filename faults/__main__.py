@@ -24,6 +24,7 @@ def _parts() -> dict[str, Part]:
         "motions": references.motions,
         "numbers": references.numbers,
         "distances": references.distances,
+        "proofs": references.proofs,
         "files": files.mutate,
         "api": api.fuzz,
         "kills": processes.kills,

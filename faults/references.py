@@ -7,6 +7,7 @@ import math
 import mpmath
 import numpy as np
 import shapely
+import shapely.affinity
 
 import guided_gym as gg
 from faults.tally import Tally
@@ -130,6 +131,40 @@ def distances(seed: int, share: float) -> list[Tally]:
         if errors:
             tally.check(float(np.mean(errors)) <= 0.01, f"seed {seed}: mean error {np.mean(errors)}")
     return [tally]
+
+
+def _walls(rng: np.random.Generator) -> gg.Environment:
+    """A box with long bars across it, which part it now and then."""
+    bars = []
+    for _ in range(rng.integers(2, 6)):
+        (x, y), turn = rng.uniform(1, 9, 2), rng.uniform(0, 180)
+        bar = shapely.box(-rng.uniform(2, 9), -rng.uniform(0, 0.3), rng.uniform(2, 9), 0.02)
+        bars.append(shapely.affinity.translate(shapely.affinity.rotate(bar, turn, (0, 0)), x, y))
+    inside = [bar.intersection(shapely.box(0, 0, 10, 10)) for bar in bars]
+    return gg.Environment((0, 0, 10, 10), tuple(b for b in inside if b.area > 0))
+
+
+def proofs(seed: int, share: float) -> list[Tally]:
+    """Proofs that there is no path, against the oracle, whose every path is of certified motions."""
+    from guided_gym.guidance.proof import parted_cells, parted_workspace
+
+    sound = Tally("proofs of no path", "where one is given, the oracle knows no path either")
+    found, rng = 0, np.random.default_rng(seed)
+    with sound.timed():
+        for number in range(max(4, round(60 * share))):
+            space = gg.ConfigurationSpace(_robot(rng), _walls(rng))
+            free = [q for q in space.sample(rng, 60) if space.valid(q)][:4]
+            oracle = gg.Oracle(space, free[0], cache=False) if free else None
+            for q in free[1:]:
+                task = gg.Task(q, free[0])
+                why = parted_workspace(space, task), parted_cells(space, task)
+                if oracle is None or why == (None, None):
+                    continue
+                found += 1
+                there = math.isfinite(float(oracle.cost_to_go(q)))
+                sound.check(not there, f"seed {seed}, room {number}: {q.tolist()}: {why}")
+    sound.note = "" if found else "no such problem was drawn"
+    return [sound]
 
 
 def _shortest(room: gg.Environment, start: np.ndarray, goal: np.ndarray) -> float:

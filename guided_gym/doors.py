@@ -3,12 +3,11 @@
 A function has its own checks, of values and with the words that suit it. What it does not foresee is an
 argument of another *kind*: a polygon for a problem, text for an array. `door` answers for those:
 
-- What has to be an object of a class of ours, a function, or anything with certain methods, is looked at
-  before the call: an isinstance, some 0.1 us.
-- Numbers, text, arrays and all else are looked at only if the call raised an error of Python's
-  or numpy's. If one does not fit, the error becomes an `InvalidInputError` that names it. If all fit, but a
-  sequence stands for an array, the call is made again with an array. Else the error goes on: it may be one of
-  the caller's own functions, or ours.
+- What has to be an object of a class of ours is looked at before the call: an isinstance, some 0.1 us.
+- Numbers, text, arrays and all else are looked at only if the call raised an error of Python's or numpy's.
+  If one does not fit, the error becomes an `InvalidInputError` that names it. If all fit, but a sequence
+  stands for an array, the call is made again with an array. Else the error goes on: it may be one of the
+  caller's own functions, or ours.
 
 So a call that works costs next to nothing more.
 """
@@ -208,7 +207,7 @@ def _generic(origin: Any, arguments: tuple[Any, ...]) -> _Kind | None:
         words = " or ".join(map(repr, arguments))
         return _Kind(lambda value: value if _is_one_of(value, arguments) else _MISFIT, words)
     if origin is collections.abc.Callable:
-        return _Kind(lambda value: value if callable(value) else _MISFIT, "a function", True)
+        return _Kind(lambda value: value if callable(value) else _MISFIT, "a function")
     if origin is np.ndarray:
         return _Kind(_array, "an array of numbers")
     if origin is type:
@@ -241,7 +240,7 @@ def _either(kinds: list[_Kind | None]) -> _Kind | None:
         as_is = [found for found in others if found is value]
         return (as_is or others or [_MISFIT])[0]
 
-    words = [kind.words for kind in known]
+    words = [kind.words for kind in known if kind.words != "None" or len(known) == 1]
     said = ", ".join(words[:-1]) + f" or {words[-1]}" if len(words) > 1 else words[0]
     return _Kind(read, said, all(kind.early for kind in known))
 
@@ -260,7 +259,7 @@ def _protocol(hint: Any) -> _Kind:
         fits = not isinstance(value, type) and all(hasattr(value, name) for name in wanted)
         return value if fits else _MISFIT
 
-    return _Kind(read, f"something with {', '.join(sorted(wanted))}", True)
+    return _Kind(read, f"something with {', '.join(sorted(wanted))}")
 
 
 def _mapping(arguments: tuple[Any, ...]) -> _Kind:

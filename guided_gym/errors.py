@@ -5,6 +5,7 @@ from __future__ import annotations
 import difflib
 import warnings
 from collections.abc import Iterable
+from typing import Any
 
 _LONGEST = 200  # characters of a name that a message repeats
 
@@ -74,7 +75,16 @@ def _restored(message: str, subject: str, cls: type[UnknownNameError] = UnknownN
 
 
 class NoPathError(GuidedGymError):
-    """The oracle proved, to its resolution, that no path joins start and goal."""
+    """No path joins start and goal: to the oracle's resolution, or by a guiding space's proof.
+
+    Attributes:
+        result: The `SearchResult` of a search that ended because a guiding space had proved it; else None.
+    """
+
+    result: Any = None
+
+    def __reduce__(self) -> tuple[object, ...]:
+        return type(self), self.args  # the message alone comes back from a worker process
 
 
 class StorageError(GuidedGymError):

@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from guided_gym.doors import door
-from guided_gym.errors import InvalidInputError
+from guided_gym.errors import InvalidInputError, NoPathError
 from guided_gym.guidance.base import GuidingSpace
 from guided_gym.guidance.registry import make_expander, make_searcher
 from guided_gym.measure.target import Measure, jensen_shannon, sampling_efficiency
@@ -168,7 +168,8 @@ def guided_search(
         InvalidInputError: An argument of the wrong type, max_samples no positive integer, the seed no
             integer >= 0, or an option that a planner of its own mind cannot have.
         StorageError: The trace cannot be written.
-        NoPathError: ``measure`` is on and no path joins start and goal.
+        NoPathError: No path joins start and goal: to the oracle's resolution, if ``measure`` is on, or
+            because a guiding space has proved it; then the error has the `SearchResult` as ``result``.
         UnknownNameError: No guiding space has that name.
     """
     max_samples = checked_samples(max_samples)
@@ -203,7 +204,7 @@ def guided_search(
         search.tree.certified or search.space.motions_free(path[:-1], path[1:]).all()
     ):
         path, colliding = None, path
-    return SearchResult(
+    result = SearchResult(
         problem,
         search.options,
         search.tree,
@@ -217,6 +218,11 @@ def guided_search(
         search.tries,
         colliding,
     )
+    if search.no_path is not None and path is None:
+        proved = NoPathError(f"{problem.name}: no path joins start and goal: {search.no_path}")
+        proved.result = result
+        raise proved
+    return result
 
 
 def _prepared(

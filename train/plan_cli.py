@@ -490,7 +490,8 @@ def _print_plan(problem: Problem, answers: Sequence[Answer], loaded: float) -> N
             rows += [("length", f"{one.length:.6g}"), ("clearance", f"{one.clearance:.4g}")]
             rows.append(("waypoints", str(len(one.path))))
         else:
-            rows.append(("path", f"none found in {one.samples} samples; `guided-gym check` may say why"))
+            why = f"there is none: {one.no_path}" if one.no_path else "`guided-gym check` may say why"
+            rows.append(("path", f"none found in {one.samples} samples; {why}"))
         if one.searches > 1:
             first, last = one.history[0, 2], one.history[-1, 2]
             rows.append(("searches", f"{one.searches}; length {first:.6g} at first, {last:.6g} at last"))

@@ -62,6 +62,7 @@ class Answer:
         preparation: Seconds before the first search, in which the guiding space got ready.
         seconds: Seconds in all, preparation included.
         history: (k, 3) seconds, samples and length of each path that was shorter than all before.
+        no_path: Why there is no path, where the guiding space has proved it; empty elsewhere.
     """
 
     task: Task
@@ -73,6 +74,7 @@ class Answer:
     preparation: float
     seconds: float
     history: FloatArray
+    no_path: str = ""
 
     @property
     def solved(self) -> bool:
@@ -93,6 +95,7 @@ class Answer:
             "preparation_seconds": self.preparation,
             "seconds": self.seconds,
             "history": self.history.tolist(),
+            "no_path": self.no_path,
             "waypoints": None if path is None else path.tolist(),
             "headings": None if path is None else headings(space, path).tolist(),
         }
@@ -158,13 +161,15 @@ class Planner:
         problem = self.problem if task is None else self.problem.asking(task)
         best: FloatArray | None = None
         history: list[tuple[float, int, float]] = []
-        preparation, samples, searches = 0.0, 0, 0
+        preparation, samples, searches, no_path = 0.0, 0, 0, ""
         while searches == 0 or time.perf_counter() - began < seconds:
-            path, drawn, ready = self._search(
+            path, drawn, ready, no_path = self._search(
                 problem, seed if searches == 0 else _RESTART_SEED + seed + searches
             )
             preparation = ready if searches == 0 else preparation
             samples, searches = samples + drawn, searches + 1
+            if no_path and best is None:
+                break
             length = math.inf if path is None else path_length(self.space, path)
             if path is not None and (not history or length < history[-1][2]):
                 best = path
@@ -176,11 +181,13 @@ class Planner:
             length, clearance = path_length(self.space, best), path_clearance(self.space, best)
         passed = time.perf_counter() - began
         rows = np.array(history, np.float64).reshape(-1, 3)
-        return Answer(problem.task, best, length, clearance, samples, searches, preparation, passed, rows)
+        return Answer(
+            problem.task, best, length, clearance, samples, searches, preparation, passed, rows, no_path
+        )
 
-    def _search(self, problem: Problem, seed: int) -> tuple[FloatArray | None, int, float]:
-        """One search: its path, smoothed, the samples drawn, and how long who guides took to get ready."""
-        path, samples, ready = None, 0, 0.0
+    def _search(self, problem: Problem, seed: int) -> tuple[FloatArray | None, int, float, str]:
+        """One search: its path, smoothed, samples drawn, how long guides got ready, and why there is none."""
+        path, samples, ready, no_path = None, 0, 0.0, ""
         for guide in self.guides:
             _, expansion_rng, guidance_rng = streams(seed)
             began = time.perf_counter()
@@ -193,11 +200,12 @@ class Planner:
                 continue
             search.run(guide, most)
             path, samples = search.path(), samples + search.samples
-            if path is not None:
+            no_path = search.no_path or ""
+            if path is not None or search.no_path is not None:
                 break
         if path is not None and self.smoothing and len(path) > 1:
             path = smooth(self.space, path, np.random.default_rng(seed), self.smoothing, room=self.room)
-        return path, samples, ready
+        return path, samples, ready, no_path
 
 
 def chosen_guides(space: ConfigurationSpace, text: str) -> list[GuidingSpace]:

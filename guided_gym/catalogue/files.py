@@ -386,7 +386,10 @@ class ProblemFile(_Model):
         try:
             super().__init__(**fields)
         except ValidationError as error:
-            raise InvalidInputError(_message(error.errors(include_url=False)[0])) from error
+            raise InvalidInputError(_message(error.errors(include_url=False)[0])) from None
+
+    # `model_validate` goes its own way, past this constructor: whoever calls it says where in a file it is.
+    __init__.__pydantic_base_init__ = True  # type: ignore[attr-defined]
 
     format: Literal["guided-gym problem 1"]
     name: Text = "problem"
@@ -602,10 +605,8 @@ def _validated(path: Path, text: str, content: Any) -> ProblemFile:
         raise InvalidInputError(f"{path}: format: expected {FORMAT!r}, got {str(got)[:60]!r}")
     try:
         return ProblemFile.model_validate(content)
-    except InvalidInputError as error:
-        if not isinstance(error.__cause__, ValidationError):
-            raise
-        first = error.__cause__.errors(include_url=False)[0]
+    except ValidationError as error:
+        first = error.errors(include_url=False)[0]
         place = first["loc"]
         named = re.match(r"Value error, ([a-z_]+)(?:\[(\d+)\])?:", str(first["msg"]))
         if not place and named:

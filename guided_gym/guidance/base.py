@@ -40,9 +40,12 @@ class GuidingSpace(ABC):
     Attributes:
         name: The name in tables and on the command line.
         expression: The expression that it was made of, for messages; empty if of none.
+        no_path: Why no path joins start and goal in C, once this guiding space has proved it: the search
+            then ends. None until then.
     """
 
     name: ClassVar[str] = ""
+    no_path: str | None = None
     expression: str = ""
 
     @door
@@ -63,6 +66,7 @@ class GuidingSpace(ABC):
             if not hasattr(self, option):
                 what = f"{type(self).__name__}.__init__: expected it to call super().__init__()"
                 raise InvalidInputError(f"{what}, which sets {option}; got no {option}")
+        self.no_path = None
         self.forget()
         self.prepare()
 

@@ -7,8 +7,9 @@ Every guiding space of the paper's three categories is a `Composed`, written as 
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Any, ClassVar
+from typing import Any, ClassVar, Final
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,15 +18,21 @@ from guided_gym.checks import flag, instance, number
 from guided_gym.doors import door, doors
 from guided_gym.errors import InvalidInputError
 from guided_gym.geometry.environment import Environment
+from guided_gym.geometry.space import ConfigurationSpace
 from guided_gym.guidance.base import GuidingSpace
 from guided_gym.guidance.modifications import SAME, UNCHANGED, EnvironmentModification, RobotModification
+from guided_gym.guidance.proof import parted_cells, parted_workspace
 from guided_gym.guidance.solvers.base import CostToGo, Query
 from guided_gym.kernels.turns import charged
 from guided_gym.options import checked_candidates
+from guided_gym.problems import Task
 from guided_gym.search.search import Expansion
 from guided_gym.search.tree import SearchTree
 
 Floats = NDArray[np.float64]
+Proof = Callable[[ConfigurationSpace, Task], str | None]
+
+_PATIENCE: Final = 500  # samples before the dearer proof is tried
 
 
 @doors
@@ -106,6 +113,7 @@ class Composed(GuidingSpace):
         self._unit = self.space.scale
         self._penalty = self.expansion_penalty * self._unit
         self._failures: list[tuple[Floats, Floats]] = []
+        self._seek: tuple[Proof, ...] = (parted_workspace, parted_cells)
         self._begin(self.environment.environment(self.space.environment))
         if self.fallback is not None:
             self.fallback.reset(self.search)
@@ -183,9 +191,21 @@ class Composed(GuidingSpace):
 
     def select(self, tree: SearchTree) -> int:
         """Argmin h, or the fallback's choice while no node has a way."""
+        if self._seek and (getattr(self.solver, "hopeless", False) or not math.isfinite(self.least(tree)[1])):
+            self._seek_proof()
         if self.fallback is not None and not math.isfinite(self.least(tree)[1]):
             return self.fallback.select(tree)
         return super().select(tree)
+
+    def _seek_proof(self) -> None:
+        """Where no way is seen: perhaps there is none (see `guided_gym.guidance.proof`).
+
+        Each try is made once, the dearer one only after some samples, beside which its time is small.
+        """
+        proofs = self._seek[0]
+        if proofs is parted_workspace or self.search.samples >= _PATIENCE:
+            self.no_path = proofs(self.space, self.search.task)
+            self._seek = () if self.no_path else self._seek[1:]
 
     def distribution(self, tree: SearchTree) -> Floats:
         """(n,) the distribution P over the nodes from which `select` draws."""

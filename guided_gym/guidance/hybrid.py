@@ -128,7 +128,9 @@ class Hybrid(GuidingSpace):
 
     def select(self, tree: SearchTree) -> int:
         """The node that the current guide selects, or the one with the least sum of h."""
-        return super().select(tree) if self._joint else self.guide.select(tree)
+        node = super().select(tree) if self._joint else self.guide.select(tree)
+        self.no_path = self.guide.no_path
+        return node
 
     def propose(self, tree: SearchTree, node: int) -> Floats:
         """The configuration that the current guide proposes, or the candidate with the least sum of h."""

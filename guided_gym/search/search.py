@@ -65,7 +65,10 @@ class Listener(Protocol):
 
 
 class Guide(Listener, Protocol):
-    """Who selects nodes and proposes expansions."""
+    """Who selects nodes and proposes expansions.
+
+    It may have an attribute ``no_path``: why no path exists in C, once that is proved, and None until then.
+    """
 
     def select(self, tree: SearchTree) -> int:
         """The node to expand, x_min."""
@@ -128,6 +131,7 @@ class Search:
         self.collision_checks = 0
         self.looks = 0  # of the guiding space at the workspace, or at a raster of it
         self.tries: dict[str, int] = {}  # motions of a watched planner that are no samples, by kind
+        self.no_path: str | None = None  # why none exists, where a guide has proved it
         self.last: Expansion | None = None  # what became of the latest sample
         self._reached: list[tuple[int, float]] = []  # nodes that reach the goal, and the way from there
         if problem.begins_solved:
@@ -194,6 +198,8 @@ class Search:
     ) -> None:
         """Select and expand until the goal is reached or ``limit`` samples are drawn, earlier ones included.
 
+        It ends before, too, where the guide has proved that there is no path: then `no_path` says why.
+
         Args:
             guide: Who selects; attached already.
             limit: Samples after which to give up.
@@ -212,6 +218,9 @@ class Search:
                     watcher.take(rows)
             else:
                 node = guide.select(self.tree)
+                self.no_path = getattr(guide, "no_path", None)
+                if self.no_path is not None:
+                    return
                 self.check_node(node)
                 if watcher is not None:
                     watcher.before(node)

@@ -14,11 +14,11 @@ pytest.importorskip("mpmath")
 pytest.importorskip("torch")
 sys.path.append(str(Path(__file__).resolve().parents[2]))  # last: the installed package comes first
 
-from faults import files, references
+from faults import api, files, references
 from faults.__main__ import table
 from faults.tally import Overtime, Tally, limited
 
-PARTS = (references.motions, references.numbers, references.distances, files.mutate)
+PARTS = (references.motions, references.numbers, references.distances, references.proofs, files.mutate)
 
 
 @pytest.mark.parametrize("part", PARTS, ids=lambda part: part.__name__)
@@ -28,6 +28,14 @@ def test_a_tenth_of_the_campaign_finds_nothing(part, record_property):
     tallies = part(seed, 0.1)
     assert all(tally.tried for tally in tallies)
     assert not [failure for tally in tallies for failure in tally.failures]
+
+
+def test_calls_raise_no_errors_but_ours():
+    """A fortieth of the calls: each public function and method once or twice."""
+    seed = int(np.random.SeedSequence().generate_state(1)[0])
+    tally = api.fuzz(seed, 0.025)[0]
+    assert tally.tried > 100
+    assert not tally.failures, f"seed {seed}"
 
 
 def test_a_wrongly_free_motion_is_found(monkeypatch):

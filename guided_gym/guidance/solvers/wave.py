@@ -17,7 +17,7 @@ import numpy as np
 import shapely
 from numpy.typing import NDArray
 
-from guided_gym.checks import affordable, integer, is_affordable, number, shown
+from guided_gym.checks import affordable, integer, is_affordable, number
 from guided_gym.errors import InvalidInputError
 from guided_gym.geometry.environment import Environment
 from guided_gym.geometry.robots import Robot, rigid
@@ -102,7 +102,8 @@ def _headings(robot: Robot, apart: float, most: int) -> int:
     return min(max(needed, _FEW), most)
 
 
-def _edges(environment: Environment) -> FloatArray:
+def obstacle_edges(environment: Environment) -> FloatArray:
+    """(e, 4) edges x0, y0, x1, y1 of the obstacles' union."""
     union = environment.obstacle_union
     polygons = getattr(union, "geoms", [union])
     rings = [ring for p in polygons if not p.is_empty for ring in (p.exterior, *p.interiors)]
@@ -158,7 +159,7 @@ class PoseGrid:
             turns = headings if whole or width < cell else _headings(robot, min(2.0 * cell, width), headings)
         body, radius = body_discs(robot, cell) / cell, robot.radius / cell
         thin = width < max(cell, 2.0 * math.pi / turns * robot.radius)
-        edges = _edges(space.environment), np.array(bounds)
+        edges = obstacle_edges(space.environment), np.array(bounds)
         if not (whole or thin or is_keeping()):
             ground = fields.unseen(*edges, frame, cells, turns, body, radius)
             return cls(ground, np.zeros((0, 0), np.float32), geometry=space.geometry)
@@ -467,6 +468,7 @@ class Wave:
     """
 
     looks: int
+    hopeless: bool  # the only ways from the start lead through what seems blocked, on the finest grid, too
     sees = True  # each pose is looked up in the grid
 
     def __init__(self, *, cells: int = 56, headings: int = 16, blocked: float = 300.0) -> None:
@@ -494,6 +496,7 @@ class Wave:
         # Now, and before anything was raised.
         self._now = self._first = self.model.solve(query.space, query.start, query.goal)
         self._slow, self._effort = self._now.front.slow, self._now.front.effort
+        self.hopeless = self._now.blocked_from(query.start)
         self.looks = self._now.grid.looks(self._now.frame)
         self._forbidden = np.zeros((0, query.space.dimension)), np.zeros(0)  # states, and how far around them
         self._waiting = self._runs = 0  # raised since the last run, and runs since the beginning
@@ -611,7 +614,7 @@ def check_grid(cells: int, headings: int) -> None:
     """
     for name, value, part in (("cells", cells, 8), ("headings", headings, 4)):
         if integer(name, value, least=part) % part:
-            raise InvalidInputError(f"{name}: expected a multiple of {part}, got {shown(value)}")
+            raise InvalidInputError(f"{name}: expected a multiple of {part}, got {value!r}")
     affordable("cells, headings", (cells, headings), _grid_bytes(cells, headings), "the grid of poses")
 
 
