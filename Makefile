@@ -4,7 +4,7 @@ RESULTS ?= results
 SHELL := bash
 .DEFAULT_GOAL := help
 .DELETE_ON_ERROR:
-.PHONY: help run test lint types bench faults docs clean
+.PHONY: help run test test-core lint types bench faults docs clean
 
 # Neither the caller's packages nor files in the current folder may stand in for the installed package.
 unexport PYTHONPATH PYTHONHOME
@@ -15,6 +15,8 @@ RUN := .venv
 TEST := .venv-test
 BENCH := .venv-bench
 DOCS := .venv-docs
+CORE := .venv-core
+LOWEST := .venv-lowest
 PIP_INSTALL := -m pip install --quiet --constraint constraints.txt
 METADATA := pyproject.toml constraints.txt
 # Folders too, so that a file that goes away counts as a change.
@@ -26,7 +28,7 @@ elsewhere = away=$$(mktemp -d) && trap 'rm -rf "$$away"' EXIT && cd "$$away" && 
 
 help: ## Show this list
 	@echo "guided-gym: make TARGET [PYTHON=python3.12]"
-	@grep -hE '^[a-z]+:.*## ' Makefile | awk -F ':.*## ' '{ printf "  make %-6s %s\n", $$1, $$2 }'
+	@grep -hE '^[a-z-]+:.*## ' Makefile | awk -F ':.*## ' '{ printf "  make %-9s %s\n", $$1, $$2 }'
 
 run: $(RUN)/.installed ## Compare guidances on TrapCup: a table, figures, and results/trapcup/report.html
 	@$(RUN)/bin/guided-gym evaluate --env TrapCup --guidance rrt,lazy_prm,medial_axis,hybrid \
@@ -37,6 +39,15 @@ test: lint types ## Check everything, as CI does: style, types, tests and docs, 
 		"$(CURDIR)/$(TEST)/bin/python" -m pytest "$(CURDIR)/tests" --rootdir "$(CURDIR)" \
 		-c "$(CURDIR)/pyproject.toml" --import-mode=importlib -p no:cacheprovider \
 		--numprocesses auto $(PYTEST_ARGS))
+
+# Without extras, with the newest versions that constraints.txt pins, and with the oldest that pyproject.toml
+# allows. What needs an extra is skipped.
+test-core: $(CORE)/.installed $(LOWEST)/.installed ## Run the tests without extras: on the pinned versions, then on the lowest
+	@for environment in $(CORE) $(LOWEST); do echo "== $$environment"; \
+		( $(call elsewhere,MPLBACKEND=Agg GUIDED_GYM_CACHE="$$away/cache" \
+		"$(CURDIR)/$$environment/bin/python" -m pytest "$(CURDIR)/tests" --rootdir "$(CURDIR)" \
+		-c "$(CURDIR)/pyproject.toml" --import-mode=importlib -p no:cacheprovider \
+		--numprocesses auto $(PYTEST_ARGS)) ) || exit 1; done
 
 # From the checkout, but with the installed package: -P keeps the checkout's folders behind it.
 faults: $(TEST)/.installed ## Try all promises against references and damage of every kind (see docs/reliability.md)
@@ -65,7 +76,7 @@ docs: $(DOCS)/.installed ## Build the documentation as a site in site/, and chec
 	@echo "site/index.html"
 
 clean: ## Remove environments, builds and caches; results stay
-	@rm -rf $(RUN) $(TEST) $(BENCH) $(DOCS) site build dist *.egg-info .mypy_cache .ruff_cache .pytest_cache .hypothesis
+	@rm -rf $(RUN) $(TEST) $(BENCH) $(DOCS) $(CORE) $(LOWEST) site build dist *.egg-info .mypy_cache .ruff_cache .pytest_cache .hypothesis
 	@find guided_gym envs agents train tests benchmarks -name __pycache__ -prune -exec rm -rf {} +
 
 # $(call install,ENVIRONMENT,PACKAGE,WITH) installs the package, with what the message says beside it.
@@ -87,6 +98,21 @@ $(BENCH)/.installed: $(METADATA) $(SOURCES)
 
 $(DOCS)/.installed: $(METADATA) $(SOURCES)
 	$(call install,$(DOCS),.[docs], and mkdocs)
+
+$(CORE)/.installed: $(METADATA) $(SOURCES)
+	$(call install,$(CORE),.[check], and pytest)
+
+# pip knows no lowest versions: they are what follows each >= among the dependencies.
+$(LOWEST)/.installed: $(METADATA) $(SOURCES)
+	@echo "Installing guided-gym on the lowest versions of what it needs into $(LOWEST) ..."
+	@rm -rf $(LOWEST) build
+	@$(PYTHON) -m venv $(LOWEST)
+	@$(PYTHON) -c 'import re, tomllib; \
+		needs = tomllib.load(open("pyproject.toml", "rb"))["project"]["dependencies"]; \
+		print(*(re.sub(r">=([^,]+).*", r"==\1", need) for need in needs), sep="\n")' > $(LOWEST)/lowest.txt
+	@$(LOWEST)/bin/python -m pip install --quiet --constraint $(LOWEST)/lowest.txt '.[check]'
+	@rm -rf build
+	@touch $@
 
 # A new environment whenever the pins change, so that nothing stays that they no longer name. The package
 # comes along for its dependencies only and leaves again: the tests get the wheel. On Linux,

@@ -12,7 +12,7 @@ import numpy as np
 from gymnasium import spaces
 from numpy.typing import NDArray
 
-from guided_gym.checks import affordable, integer
+from guided_gym.checks import affordable, integer, shown
 from guided_gym.doors import door, doors
 from guided_gym.errors import InvalidInputError, warn
 from guided_gym.geometry.environment import Environment
@@ -109,9 +109,21 @@ def valid_nodes(search: Search, max_nodes: int) -> NDArray[np.bool_]:
 
 @door
 def node_table(observation: Mapping[str, NDArray[Any]], columns: int = COLUMNS) -> NDArray[np.float32]:
-    """The node features of an observation (or of a batch) as a table: (..., N * F) to (..., N, F)."""
-    nodes = observation["nodes"]
-    return nodes.reshape(*nodes.shape[:-1], -1, columns)
+    """The node features of an observation (or of a batch) as a table: (..., N * F) to (..., N, F).
+
+    Raises:
+        InvalidInputError: It has no such features.
+    """
+    nodes: Any = observation.get("nodes")
+    columns = integer("columns", columns, least=1)
+    shape = getattr(nodes, "shape", ())  # tensors will do
+    if not shape or shape[-1] % columns:
+        raise InvalidInputError(
+            f"observation: expected rows of {columns} features for each node under 'nodes', got "
+            f"{shown(shape or nodes)}"
+        )
+    table: NDArray[np.float32] = nodes.reshape(*nodes.shape[:-1], -1, columns)
+    return table
 
 
 def node_bytes(max_nodes: int, angles: int = 1) -> int:
@@ -129,6 +141,10 @@ def rollout_bytes(max_nodes: int = 256, raster: int = 64, environments: int = 8,
     episode start, value, log-probability and advantage. 341 MB at the defaults (were everything kept as
     float32, 555 MB); sampling from the buffer copies it once, key by key.
     """
+    for name, value in (("max_nodes", max_nodes), ("raster", raster)):
+        integer(name, value, least=0)
+    for name, value in (("environments", environments), ("steps", steps)):
+        integer(name, value, least=1)
     return environments * steps * (max_nodes * (4 * COLUMNS + 9) + raster**2 + 64)
 
 

@@ -252,7 +252,7 @@ def _protocol(hint: Any) -> _Kind:
         for base in hint.__mro__
         if getattr(base, "_is_protocol", False)
         for name, member in vars(base).items()  # methods: attributes may not be there yet
-        if not name.startswith("_") and inspect.isfunction(member)
+        if not name.startswith("_") and (inspect.isfunction(member) or isinstance(member, property))
     }
 
     def read(value: Any) -> Any:

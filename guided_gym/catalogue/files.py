@@ -637,7 +637,7 @@ def _message(error: Any) -> str:
     if isinstance(got, list | dict | str) and len(got) > 8:
         got = f"{type(got).__name__} of {len(got)}"
         return f"{before}{text}, got a {got}"
-    said = repr(got)
+    said = shown(got)
     return f"{before}{text}, got {said if len(said) <= 60 else said[:57] + '...'}"
 
 

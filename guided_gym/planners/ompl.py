@@ -148,8 +148,14 @@ def _maker(member: str) -> Callable[..., OmplPlanner]:
 
 @cache
 def setters(planner: str) -> dict[str, tuple[str, type]]:
-    """The parameters of a planner: name to OMPL's setter and the type that it takes, as its binding says."""
-    kind = getattr(bindings().geometric, planner)
+    """The parameters of a planner: name to OMPL's setter and the type that it takes, as its binding says.
+
+    Raises:
+        UnknownNameError: No such planner.
+    """
+    kind = getattr(bindings().geometric, planner, None)
+    if kind is None:
+        raise UnknownNameError("OMPL planner", planner, planner_names())
     found: dict[str, tuple[str, type]] = {}
     for method in dir(kind):
         words = re.fullmatch(r"set([A-Z]\w*)", method)
