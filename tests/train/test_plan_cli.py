@@ -248,7 +248,7 @@ def test_planner__takes_headings_into_account_only_where_the_disc_sees_no_way() 
         walls.append([(4, 4), (6, 4), (6, 2 + width / 2), (4, 2 + width / 2)])
         room = Environment.from_polygons((0, 0, 10, 4), walls)
         planner = Planner(Problem(robot, room, task, "corridor"), store=PreparationStore(None))
-        path, samples, _ = planner._search(planner.problem, 0)
+        path, samples, _, _ = planner._search(planner.problem, 0)
         assert path is not None and samples >= 0
         disc = planner.guides[0]
         assert isinstance(disc, Composed) and isinstance(disc.solver, Wave)
