@@ -30,6 +30,7 @@ ENVIRONMENTS: Final[dict[str, str]] = {
     "guided_gym/PlanarArm7-v0": "PlanarArm7",
     "guided_gym/RandomPlanarArm4-v0": "RandomPlanarArm4",
     "guided_gym/RandomPlanarArm7-v0": "RandomPlanarArm7",
+    "guided_gym/RandomSpatialArm-v0": "RandomSpatialArm",
 }
 
 SELECTION_ENTRY_POINT: Final = "guided_gym.envs.guide_selection_env:GuideSelectionEnv"
@@ -39,6 +40,10 @@ SELECTIONS: Final[dict[str, str]] = {
     "guided_gym/GuideSelection-v0": "TrapCup",
     "guided_gym/RandomGuideSelection-v0": "RandomTrapCup",
 }
+
+# On an arm in space: ours, or that of the URDF file which is the option ``urdf``.
+SPATIAL_ENVIRONMENT: Final = "guided_gym/SpatialArm-v0"
+SPATIAL_ENTRY_POINT: Final = "guided_gym.envs.spatial_arm_env:SpatialArmEnv"
 
 # On the problem of a file, which is the option ``path``.
 FILE_ENVIRONMENT: Final = "guided_gym/ProblemFile-v0"
@@ -59,5 +64,9 @@ def register_environments() -> None:
                     vector_entry_point=VECTOR_ENTRY_POINT if entry_point is ENTRY_POINT else None,
                     kwargs={"distribution": distribution},
                 )
-    if FILE_ENVIRONMENT not in gymnasium.registry:
-        gymnasium.register(FILE_ENVIRONMENT, entry_point=FILE_ENTRY_POINT)
+    for name, entry_point in (
+        (SPATIAL_ENVIRONMENT, SPATIAL_ENTRY_POINT),
+        (FILE_ENVIRONMENT, FILE_ENTRY_POINT),
+    ):
+        if name not in gymnasium.registry:
+            gymnasium.register(name, entry_point=entry_point)

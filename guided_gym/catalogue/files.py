@@ -38,6 +38,7 @@ from guided_gym.catalogue.maps import (
     read_text,
     reason,
 )
+from guided_gym.catalogue.space_parts import ArmPart, RoomPart
 from guided_gym.checks import shown
 from guided_gym.doors import door
 from guided_gym.errors import InvalidInputError, StorageError
@@ -45,7 +46,9 @@ from guided_gym.geometry.environment import Environment
 from guided_gym.geometry.linkages import Body, Joint, Linkage
 from guided_gym.geometry.mechanism import Mechanism
 from guided_gym.geometry.robots import Robot, rigid
+from guided_gym.geometry.solids import SpatialEnvironment
 from guided_gym.geometry.space import ConfigurationSpace
+from guided_gym.geometry.spatial_arms import SpatialArm
 from guided_gym.problems import Problem, Task
 from guided_gym.storage.whole_file import write_whole
 
@@ -380,6 +383,8 @@ class ProblemFile(_Model):
         map: A map file, whose obstacles are added.
         obstacles: Polygons.
         regions: Named parts of the workspace.
+        room: Of an arm in space, instead of bounds, map and obstacles.
+        arm: An arm in space, instead of a robot.
     """
 
     def __init__(self, **fields: Any) -> None:
@@ -405,11 +410,27 @@ class ProblemFile(_Model):
     map: MapPart | None = None
     obstacles: list[Shape] = []
     regions: dict[Text, Shape] = {}
+    room: RoomPart | None = None
+    arm: ArmPart | None = None
+
+    @model_validator(mode="after")
+    def _in_space_or_not(self) -> ProblemFile:
+        if self.room is None and self.arm is None:
+            return self
+        planar = ("bounds", "robot", "map", "obstacles")
+        got = [name for name in planar if getattr(self, name)]
+        if got or self.room is None:
+            raise ValueError(
+                f"expected a room and an arm in space, got {' and '.join(got) or 'an arm alone'}"
+            )
+        if self.units.angle != "rad":
+            raise ValueError("units.angle: expected 'rad' for an arm in space, got 'deg'")
+        return self
 
     @model_validator(mode="after")
     def _angles_in_range(self) -> ProblemFile:
-        if self.bounds is None and self.map is None:
-            raise ValueError("expected bounds or a map, got neither")
+        if self.bounds is None and self.map is None and self.room is None:
+            raise ValueError("expected bounds, a map or a room, got none of them")
         if self.goal is not None and self.goals is not None:
             raise ValueError("goals: expected goal or goals, got both")
         most = _FULL_TURN if self.units.angle == "rad" else 360.0
@@ -431,7 +452,7 @@ class ProblemFile(_Model):
 
     @property
     def _rigid(self) -> bool:
-        return self.robot is None or self.robot.kind != "linkage"
+        return self.arm is None and (self.robot is None or self.robot.kind != "linkage")
 
     def configurations(self) -> dict[str, list[float]]:
         """What there is of start and goal(s), angles in radians, by the names of their fields."""
@@ -447,6 +468,8 @@ class ProblemFile(_Model):
             InvalidInputError: An obstacle or the bounds cannot be used.
             StorageError: The map cannot be read.
         """
+        if self.room is not None:
+            return self.room.environment()
         polygons: list[shapely.Polygon] = []
         for number, part in enumerate(self.obstacles):
             place = _place(number, part)
@@ -473,14 +496,16 @@ class ProblemFile(_Model):
             InvalidInputError: A part is missing or cannot be used.
             StorageError: The map cannot be read.
         """
-        if self.robot is None:
+        if self.robot is None and self.arm is None:
             raise InvalidInputError("robot: expected this field of a problem, got none")
         poses = self.configurations()
         for name in ("start", "goal"):
             if name not in poses and not (name == "goal" and self.goals):
                 raise InvalidInputError(f"{name}: expected this field of a problem, got none")
-        robot, environment = self.robot.robot(), self.environment(folder)
-        self._check_poses(robot, environment, poses)
+        robot: Mechanism = self.arm.arm() if self.robot is None else self.robot.robot()  # type: ignore[union-attr]
+        environment = self.environment(folder)
+        if self.arm is None:  # in space, the problem says what is wrong
+            self._check_poses(robot, environment, poses)
         regions = {name: part.shape(f"regions.{name}") for name, part in self.regions.items()}
         rule, start = (self.goal_rule.tolerance, self.goal_rule.by_edge), poses.pop("start")
         tasks = [Task(start, goal, *rule) for goal in poses.values()]
@@ -789,21 +814,25 @@ def file_of(problem: Problem, *, length: str = "m", origin: Sequence[float] = (0
     Raises:
         InvalidInputError: A number beyond what a file may have.
     """
+    space = problem.environment
+    room = RoomPart.of(space) if isinstance(space, SpatialEnvironment) else None
     try:
         return ProblemFile(
             format=FORMAT,
             name=problem.name,
             units=Units(length=length),
             origin=[float(v) for v in origin],
-            bounds=list(problem.environment.bounds),
+            bounds=None if room else list(problem.environment.bounds),
             start=problem.task.start.tolist(),
             goal=problem.task.goal.tolist(),
             goal_rule=GoalRule(tolerance=problem.task.tolerance, by_edge=problem.task.by_edge),
             metric=Metric(
                 rotation_weight=None if problem.rotation_weight is None else float(problem.rotation_weight)
             ),
-            robot=RobotPart.of(problem.robot),
-            obstacles=[_polygon_part(one) for one in problem.environment.obstacles],
+            robot=None if room else RobotPart.of(problem.robot),
+            obstacles=[] if room else [_polygon_part(one) for one in problem.environment.obstacles],
+            room=room,
+            arm=ArmPart.of(problem.robot) if isinstance(problem.robot, SpatialArm) else None,
             regions={name: Shape(geojson=_geojson(shape)) for name, shape in problem.regions.items()},
         )
     except ValidationError as error:

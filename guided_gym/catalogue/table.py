@@ -13,7 +13,7 @@ import numpy as np
 from shapely.geometry import Polygon, box
 from shapely.geometry.base import BaseGeometry
 
-from guided_gym.catalogue import arms
+from guided_gym.catalogue import arms, spatial
 from guided_gym.catalogue.buildings import building, random_building
 from guided_gym.catalogue.clutter import random_clutter
 from guided_gym.catalogue.distributions import FixedProblem, ProblemDistribution, SampledProblems
@@ -124,6 +124,8 @@ _CATALOGUE: dict[str, Callable[[], ProblemDistribution]] = {
     "PlanarArm7": _fixed(arms.planar_arm_7),
     "RandomPlanarArm4": _drawn("RandomPlanarArm4", arms.random_planar_arm_4, angles=4),
     "RandomPlanarArm7": _drawn("RandomPlanarArm7", arms.random_planar_arm_7, angles=7),
+    "SpatialArm": _fixed(spatial.spatial_arm),
+    "RandomSpatialArm": _drawn("RandomSpatialArm", spatial.random_spatial_arm, angles=7),
 }
 
 # Known by name but not listed: they need files that do not come with the package.

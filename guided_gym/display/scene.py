@@ -9,6 +9,8 @@ import shapely
 
 from guided_gym.geometry.linkages import Linkage
 from guided_gym.geometry.robots import rigid
+from guided_gym.geometry.solids import VIEW
+from guided_gym.geometry.spatial_arms import SpatialArm
 
 if TYPE_CHECKING:
     from guided_gym.geometry.mechanism import Mechanism
@@ -70,11 +72,14 @@ def robot_table(robot: Mechanism) -> dict[str, Any]:
         -1 for one that stays at ``value``), ``parent`` (a joint before it; -1 is the world), ``offset`` in
         the parent's frame; ``bodies``: ``joint`` that carries it, ``ring`` of flat coordinates in its frame,
         ``closed``; ``tip``: ``joint`` and ``point`` that stand for the robot where it is drawn as a point.
+        An arm in space has a ``view``, too, and joints and bodies as `_in_space` says.
 
     Raises:
         InvalidInputError: A robot that is not planar.
     """
     joints: list[dict[str, Any]] = []
+    if isinstance(robot, SpatialArm):
+        return _in_space(robot)
     if isinstance(robot, Linkage):
         of = _add_joints(robot, joints)
         bodies = [(of[body.joint], body.outline) for body in robot.bodies]
@@ -89,6 +94,34 @@ def robot_table(robot: Mechanism) -> dict[str, Any]:
         "joints": joints,
         "bodies": [_body(joint, outline) for joint, outline in bodies],
         "tip": {"joint": tip, "point": point},
+    }
+
+
+def _in_space(robot: SpatialArm) -> dict[str, Any]:
+    """An arm in space: ``view``, the plane that it is drawn in, and a chain of joints that move along z."""
+    joints = [
+        {
+            "kind": "slide" if slides else "spin",
+            "coordinate": column,
+            "factor": factor,
+            "shift": shift,
+            "turned": turned.ravel().tolist(),
+            "offset": offset.tolist(),
+        }
+        for slides, column, factor, shift, turned, offset in robot.chain_rows()
+    ]
+    bodies = [
+        {"joint": joint, "start": start.tolist(), "end": end.tolist(), "radius": radius}
+        for joint, start, end, radius in robot.body_rows()
+    ]
+    joint, point = robot.aligned_tool()
+    return {
+        "name": robot.name,
+        "dimension": robot.dimension,
+        "view": VIEW.ravel().tolist(),
+        "joints": joints,
+        "bodies": bodies,
+        "tip": {"joint": joint, "point": point.tolist()},
     }
 
 

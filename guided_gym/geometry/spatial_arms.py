@@ -416,26 +416,24 @@ class SpatialArm(Mechanism):
         Raises:
             InvalidInputError: The environment is a planar one.
         """
-        room, chain = in_space(environment), self._chain
+        room = in_space(environment)
         solids = [(solid.kind, solid.numbers()) for solid in room.solids]
         solids += [(packing.HALF_SPACE, side) for side in _sides(room.room)]
         bodies, own = [], []
-        for body in self.bodies:
-            shape = body.shape
-            if body.joint >= 0:
-                shape = shape.moved(chain.aligned[body.joint].T, np.zeros(3))
-            far = max(math.hypot(*shape.start), math.hypot(*shape.end))
-            bodies.append(np.array([*shape.start, *shape.end, shape.radius, far]))
-            own.append(shape.numbers())
+        for _, start, end, radius in self.body_rows():
+            far = max(math.hypot(*start), math.hypot(*end))
+            bodies.append(np.array([*start, *end, radius, far]))
+            own.append(Capsule(triple("start", start), triple("end", end), radius).numbers())
         lower, upper, periods = self._ranges
         parts = [np.array([tolerance, 1.03 * tolerance])]
-        starts = [0, *_put(parts, [
-            *(np.array([*chain.turned[j].ravel(), *chain.offset[j], chain.factors[j], chain.shifts[j],
-                        self._lengths[j]]) for j in range(len(self.joints))),
-            np.column_stack([lower, upper]).ravel(),
-            np.concatenate([chain.aligned[self.tool[0]].T @ np.array(self.tool[1]), *VIEW]),
-            *(numbers for _, numbers in solids), *bodies, *own,
-        ])]  # fmt: skip
+        chain = list(self.chain_rows())
+        joints = [
+            np.array([*turned.ravel(), *offset, factor, shift, length])
+            for (_, _, factor, shift, turned, offset), length in zip(chain, self._lengths, strict=True)
+        ]
+        limits, tool = np.column_stack([lower, upper]).ravel(), [*self.aligned_tool()[1], *VIEW.ravel()]
+        shapes = [numbers for _, numbers in solids]
+        starts = [0, *_put(parts, [*joints, limits, np.array(tool), *shapes, *bodies, *own])]
         n, m, b = len(self.joints), len(solids), len(bodies)
         table = [0] * packing.TABLE_HEADER
         table[packing.JOINTS], table[packing.BODIES], table[packing.PAIRS] = n, b, len(self.pairs)
@@ -443,7 +441,7 @@ class SpatialArm(Mechanism):
         table[packing.TOOL_NUMBERS], table[packing.TOOL] = starts[n + 2], self.tool[0]
         table[packing.SOLIDS] = m
         at = n + 3
-        rows = [(j.slides, int(k), periods[k] > 0) for j, k in zip(self.joints, chain.columns, strict=True)]
+        rows = [(slides, column, periods[column] > 0) for slides, column, *_ in chain]
         rows += [(starts[at + i], kind) for i, (kind, _) in enumerate(solids)]  # type: ignore[misc]
         rows += [(body.joint, starts[at + m + i]) for i, body in enumerate(self.bodies)]  # type: ignore[misc]
         rows += [(i, k, starts[at + m + b + i]) for i, k in self.pairs]  # type: ignore[misc]
@@ -451,6 +449,28 @@ class SpatialArm(Mechanism):
         index = np.array([*([0] * HEADER), *table, *flat], np.int64)
         index[ENTRY], index[TABLE] = self.entry(), HEADER
         return np.concatenate(parts), index
+
+    def chain_rows(self) -> Iterator[tuple[bool, int, float, float, FloatArray, FloatArray]]:
+        """What the kernels and the browser have of each joint, its frame so turned that it moves along z.
+
+        Whether it slides, coordinate, factor, shift, and rotation and offset in the frame before it.
+        """
+        c = self._chain
+        for j, joint in enumerate(self.joints):
+            column, factor, shift = int(c.columns[j]), float(c.factors[j]), float(c.shifts[j])
+            yield joint.slides, column, factor, shift, c.turned[j], c.offset[j]
+
+    def body_rows(self) -> Iterator[tuple[int, FloatArray, FloatArray, float]]:
+        """Of each body: its joint, ends in that frame, and radius."""
+        for body in self.bodies:
+            turned = self._chain.aligned[body.joint].T if body.joint >= 0 else np.eye(3)
+            start, end = turned @ np.array(body.shape.start), turned @ np.array(body.shape.end)
+            yield body.joint, start, end, body.shape.radius
+
+    def aligned_tool(self) -> tuple[int, FloatArray]:
+        """The tool in that frame of its joint."""
+        joint, point = self.tool
+        return joint, self._chain.aligned[joint].T @ np.array(point)
 
     def entry(self) -> int:
         """Address of `guided_gym.kernels.spatial.answer`, which compiles when it is first asked for."""

@@ -99,6 +99,56 @@
     }
   }
 
+  /** The same for an arm in space, seen from one side: a chain of joints that spin about z or slide along it. */
+  class SpatialKinematics {
+    constructor(robot) {
+      Object.assign(this, { view: robot.view, joints: robot.joints, bodies: robot.bodies, tipAt: robot.tip });
+      this.frames = this.joints.map(() => ({ r: new Float64Array(9), p: new Float64Array(3) }));
+      this.world = { r: [1, 0, 0, 0, 1, 0, 0, 0, 1], p: [0, 0, 0] };
+    }
+
+    _place(q) {
+      let before = this.world;
+      this.joints.forEach((joint, i) => {
+        const { r, p } = this.frames[i], t = joint.turned, value = joint.factor * q[joint.coordinate] + joint.shift;
+        const slide = joint.kind === "slide" ? value : 0, c = slide ? 1 : Math.cos(joint.kind === "slide" ? 0 : value);
+        const s = joint.kind === "slide" ? 0 : Math.sin(value), o = joint.offset.map((v, k) => v + slide * t[3 * k + 2]);
+        for (let k = 0; k < 3; k += 1) {
+          const a = before.r.slice(3 * k, 3 * k + 3), row = [0, 1, 2].map((m) => a[0] * t[m] + a[1] * t[m + 3] + a[2] * t[m + 6]);
+          p[k] = before.p[k] + a[0] * o[0] + a[1] * o[1] + a[2] * o[2];
+          r[3 * k] = c * row[0] + s * row[1]; r[3 * k + 1] = c * row[1] - s * row[0]; r[3 * k + 2] = row[2];
+        }
+        before = this.frames[i];
+      });
+    }
+
+    _seen(joint, point) {
+      const { r, p } = joint < 0 ? this.world : this.frames[joint], v = this.view;
+      const at = [0, 1, 2].map((k) => p[k] + r[3 * k] * point[0] + r[3 * k + 1] * point[1] + r[3 * k + 2] * point[2]);
+      return [v[0] * at[0] + v[1] * at[1] + v[2] * at[2], v[3] * at[0] + v[4] * at[1] + v[5] * at[2]];
+    }
+
+    place(q) {
+      this._place(q);
+      return this.bodies.map(({ joint, start, end, radius }) => {
+        const a = this._seen(joint, start), b = this._seen(joint, end), heading = Math.atan2(b[1] - a[1], b[0] - a[0]);
+        const points = new Float64Array(52);
+        for (let k = 0; k < 26; k += 1) { // half a circle around each end
+          const [x, y] = k < 13 ? b : a, turn = heading - Math.PI / 2 + Math.PI * (k < 13 ? k / 12 : (k - 1) / 12);
+          points[2 * k] = x + radius * Math.cos(turn); points[2 * k + 1] = y + radius * Math.sin(turn);
+        }
+        return { points, closed: true };
+      });
+    }
+
+    tip(q) {
+      this._place(q);
+      return this._seen(this.tipAt.joint, this.tipAt.point);
+    }
+  }
+
+  const kinematicsOf = (robot) => (robot.view ? new SpatialKinematics(robot) : new Kinematics(robot));
+
   // Traces ----------------------------------------------------------------------------------------------
 
   /** A search, grown line by line; `seek(k)` makes parents and costs those after k samples. */
@@ -110,7 +160,7 @@
       if (!header.scene) throw new Error("expected a scene beside the problem, got none");
       this.header = header;
       this.scene = header.scene;
-      this.kinematics = new Kinematics(this.scene.robot);
+      this.kinematics = kinematicsOf(this.scene.robot);
       this.d = this.scene.start.length;
       this.weights = this.scene.metric.weights;
       this.periods = this.scene.metric.periods;
@@ -450,7 +500,7 @@
 
     setScene(scene) {
       this.scene = scene; this.trace = null;
-      this.kinematics = new Kinematics(scene.robot);
+      this.kinematics = kinematicsOf(scene.robot);
       this._centre = null; this._zoom = 1; this._caches = {};
     }
 
@@ -463,7 +513,7 @@
     }
 
     /** Say that the scene's obstacles or poses were changed in place. */
-    touch() { this._caches = {}; if (this.scene) this.kinematics = new Kinematics(this.scene.robot); }
+    touch() { this._caches = {}; if (this.scene) this.kinematics = kinematicsOf(this.scene.robot); }
 
     get colours() { return THEMES[this.theme]; }
 
