@@ -24,6 +24,7 @@ from guided_gym.structures.shortest_paths import graph_from_edges
 _SAMPLES_PER_DIAGONAL = 100  # boundary samples along a line as long as the workspace's diagonal
 _ALONG = 0.02  # of its length by which the clearance of an edge falls that runs along the boundary
 _FINER = 4  # samples twice as dense each time, where the skeleton is not what it must be
+_MANY = 200_000  # vertices of a diagram so large that a finer one would take tens of seconds
 _SAME = 1e-6  # spacings by which two samples are one
 _EDGE = 700  # bytes of an edge and its vertex, in graph, index and tree of shortest paths
 _PRUNE = 1.5  # a dead end nearer to the boundary than this many sample spacings is an artefact of sampling
@@ -88,7 +89,8 @@ def _found(environment: Environment) -> _Axis:
 
     Vertices of the Voronoi diagram of samples of the boundary, joined where the Voronoi edge lies in the
     free space; dead ends that run into the boundary (into corners, and between samples) are pruned. Where it
-    does not have a part for each part of the free space and a loop around each hole, it is drawn finer.
+    does not have a part for each part of the free space and a loop around each hole, it is drawn finer,
+    unless it has more than 200,000 vertices.
 
     Raises:
         InvalidInputError: The free workspace is too small for a skeleton.
@@ -103,7 +105,7 @@ def _found(environment: Environment) -> _Axis:
         wrong = axis.wrong(len(parts), holes) if axis is not None else least
         if wrong < least:
             best, least = axis, wrong
-        if wrong == 0:
+        if wrong == 0 or (axis is not None and len(axis.points) > _MANY):
             break
         spacing /= 2
     if best is None or len(best.pairs) == 0:
@@ -141,11 +143,12 @@ def _boundary_samples(free: shapely.Geometry, spacing: float) -> NDArray[np.floa
     Where two walls are closer than the samples, the Voronoi diagram has its way between them only if samples
     face each other: the edge between a point and its foot on the other wall is the middle line.
     """
-    samples = shapely.get_coordinates(shapely.segmentize(free.boundary, spacing))
-    rings = [shapely.get_coordinates(ring) for ring in shapely.get_rings(shapely.get_parts(free))]
-    tails, heads = np.concatenate([r[:-1] for r in rings]), np.concatenate([r[1:] for r in rings])
-    walls = shapely.STRtree(shapely.linestrings(np.stack([tails, heads], axis=1)))
-    points, near = walls.query(shapely.points(samples), predicate="dwithin", distance=2 * spacing)
+    rings = shapely.get_rings(shapely.get_parts(free))
+    samples, owners = shapely.get_coordinates(shapely.segmentize(rings, spacing), return_index=True)
+    corners, of = shapely.get_coordinates(rings, return_index=True)
+    within = np.flatnonzero(of[1:] == of[:-1])
+    tails, heads = corners[within], corners[within + 1]
+    points, near = _neighbours(samples, owners, tails, heads, spacing)
     p, a, b = samples[points], tails[near], heads[near]
     along = b - a
     t = np.einsum("ij,ij->i", p - a, along) / np.einsum("ij,ij->i", along, along)
@@ -159,6 +162,32 @@ def _boundary_samples(free: shapely.Geometry, spacing: float) -> NDArray[np.floa
     known = shapely.STRtree(shapely.points(samples))
     seen, _ = known.query(shapely.points(feet), predicate="dwithin", distance=_SAME * spacing)
     return np.concatenate([samples, np.delete(feet, seen, axis=0)])
+
+
+def _neighbours(
+    samples: NDArray[np.float64],
+    owners: NDArray[np.int64],
+    tails: NDArray[np.float64],
+    heads: NDArray[np.float64],
+    spacing: float,
+) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+    """Samples and walls that may face each other across a gap narrower than the samples of either are apart.
+
+    Along a wall shorter than ``spacing``, samples are only as far apart as the wall is long.
+    """
+    lengths = np.minimum(np.hypot(*(heads - tails).T), spacing)
+    apart = np.zeros(len(samples))
+    steps = np.where(owners[1:] == owners[:-1], np.hypot(*np.diff(samples, axis=0).T), 0.0)
+    steps[steps > 0.5 * spacing] = spacing  # parts of a longer wall
+    apart[:-1] = steps
+    apart[1:] = np.maximum(apart[1:], steps)
+    dots, lines = shapely.points(samples), shapely.linestrings(np.stack([tails, heads], axis=1))
+    found = shapely.STRtree(lines).query(dots, predicate="dwithin", distance=2 * apart)
+    wide = np.flatnonzero(lengths > 0.0)
+    back = shapely.STRtree(dots).query(lines[wide], predicate="dwithin", distance=2 * lengths[wide])
+    pairs = np.concatenate([found.T, np.stack([back[1], wide[back[0]]], axis=1)])
+    keys = np.unique(pairs[:, 0] * len(lines) + pairs[:, 1])
+    return keys // len(lines), keys % len(lines)
 
 
 def _merged(
