@@ -97,7 +97,8 @@ def _least_width(robot: Robot) -> float:
     return min(widths)
 
 
-def _edges(environment: Environment) -> FloatArray:
+def obstacle_edges(environment: Environment) -> FloatArray:
+    """(e, 4) edges x0, y0, x1, y1 of the union of the obstacles."""
     union = environment.obstacle_union
     polygons = getattr(union, "geoms", [union])
     rings = [ring for p in polygons if not p.is_empty for ring in (p.exterior, *p.interiors)]
@@ -205,7 +206,7 @@ def _rasterised(
     """Of a grid of (cells, headings), what depends on the workspace; see `PoseGrid`."""
     (cells, turns), cell = shape, float(frame[fields.CELL])
     bounds = np.array(space.environment.bounds)
-    distances = fields.signed_distances(_edges(space.environment), bounds, frame, cells)
+    distances = fields.signed_distances(obstacle_edges(space.environment), bounds, frame, cells)
     room = fields.robot_clearances(distances, body, robot.radius / cell, turns)
     closed, looks = np.zeros((0, 0, 0), np.uint8), 0
     if _least_width(robot) < max(cell, 2.0 * math.pi / turns * robot.radius):
