@@ -240,8 +240,8 @@ def _worth(guide: GuidingSpace) -> int:
     assert isinstance(guide, Composed) and isinstance(guide.solver, Wave)
     if guide.solver.sees_way:
         return sys.maxsize
-    space, *ends = guide.query
-    return 0 if all(space.valid(end) for end in ends) else _TIGHT
+    query = guide.query
+    return 0 if query.space.valid(query.start) and query.space.valid(query.goal) else _TIGHT
 
 
 # Tasks ------------------------------------------------------------------------------------------------------

@@ -43,7 +43,8 @@ def layers(symmetry: Symmetry) -> torch.Tensor:
     problem = Problem(Robot(shapely.LineString(body)), environment, task)
     grid = PoseGrid.of(problem.space, ARCHITECTURE.cells, ARCHITECTURE.headings)
     frame = grid.towards(problem.task.goal)
-    arrival, _ = FieldModel(ARCHITECTURE, plain_tensors(ARCHITECTURE)).arrival(grid, frame)
+    model = FieldModel(ARCHITECTURE, plain_tensors(ARCHITECTURE))
+    arrival = model.arrival(model.begin(grid, problem.task.goal))
     return torch.from_numpy(decoder_input(grid, frame, arrival).transpose(2, 0, 1).copy())[None]
 
 
