@@ -36,7 +36,8 @@ def _watch(event: str, arguments: Any) -> None:
 
 def _samples(folder: Path) -> dict[str, tuple[Path, Callable[[Path], Any]]]:
     """A sound file of each format, and what reads it."""
-    from guided_gym.guidance.learned.agent import SHIPPED, LearnedAgent
+    from guided_gym.guidance.learned.agent import LearnedAgent
+    from guided_gym.guidance.learned.folders import SHIPPED
     from guided_gym.train.checkpoints import RunFolder, read_config
 
     problem = gg.make_distribution("Cup").problem(0)

@@ -27,6 +27,7 @@ from guided_gym.guidance.learned import field as field_module
 from guided_gym.guidance.learned import weights
 from guided_gym.guidance.learned.agent import LearnedAgent, LearnedGuidance
 from guided_gym.guidance.learned.field import FieldArchitecture, FieldModel, decoder_input, encoder_columns
+from guided_gym.guidance.learned.scored import ScoredGuidance
 from guided_gym.guidance.learned.scorer import ScorerArchitecture, ScorerColumn, ScorerModel
 from guided_gym.guidance.solvers.wave import CostField, check_grid
 from guided_gym.kernels import fields
@@ -43,6 +44,8 @@ from guided_gym.train.validation import rank, validated
 
 Tensors = dict[str, NDArray[Any]]
 Progress = Callable[[int, int, str], None]
+Tree = tuple[NDArray[np.float32], NDArray[np.float32]]
+"""(n, columns) what the scorer sees of a tree's nodes, and (n,) the target distribution over them."""
 
 AGENT_FOLDER: Final = "agent"
 _DATA_SEED, _ENCODER_SEED, _DECODER_SEED, _SCORER_SEED = range(4)
@@ -358,7 +361,7 @@ class _Run:
         config, number = self.config, self.state["rounds"]
         name = f"data/trees-{number:03d}.safetensors"
         if not (self.folder.path / name).exists():
-            self.folder.keep(name, {"round": number}, self._searched_trees(number))
+            self.folder.keep(name, {"round": number}, joined_trees(self._searched_trees(number)))
         trees = [tree for i in range(number + 1) for tree in _trees(self.folder.path, i)]
         rng = _generator(config.seed, _SCORER_SEED, number)
         optimizer = torch.optim.AdamW(self.scorer.parameters(), config.learning_rate, weight_decay=1e-4)
@@ -366,7 +369,7 @@ class _Run:
         losses = []
         for _ in range(config.scorer_steps if trees else 0):
             batch = [trees[i] for i in rng.integers(len(trees), size=_TREES_A_BATCH)]
-            loss = self._scorer_loss(batch)
+            loss = tree_loss(self.scorer, batch, config.divergence, self.device)
             optimizer.zero_grad()
             loss.backward()  # type: ignore[no-untyped-call]
             optimizer.step()
@@ -378,28 +381,11 @@ class _Run:
         self._consider(f"round {number + 1}")
         self._save()
 
-    def _scorer_loss(self, batch: list[tuple[NDArray[np.float32], NDArray[np.float32]]]) -> Tensor:
-        longest = max(len(q) for _, q in batch)
-        columns = np.zeros((len(batch), longest, len(ScorerColumn)), np.float32)
-        target = np.zeros((len(batch), longest), np.float32)
-        for row, (nodes, q) in enumerate(batch):
-            columns[row, : len(q)], target[row, : len(q)] = nodes, q
-        wanted = torch.from_numpy(target).to(self.device)
-        mask = wanted > 0
-        logp = functional.log_softmax(self.scorer(torch.from_numpy(columns).to(self.device), mask), dim=1)
-        logp = logp.masked_fill(~mask, 0.0)
-        logq = torch.log(wanted.clamp_min(1e-30)).masked_fill(~mask, 0.0)
-        if self.config.divergence == "forward":
-            terms = wanted * (logq - logp)
-        else:
-            terms = logp.exp().masked_fill(~mask, 0.0) * (logp - logq)
-        return terms.sum(1).mean()
-
-    def _searched_trees(self, number: int) -> Tensors:
+    def _searched_trees(self, number: int) -> list[Tree]:
         """Columns and targets of trees along searches of this round; every other search draws its nodes."""
         config = self.config
         agent = self._agent()
-        kept: list[tuple[NDArray[np.float32], NDArray[np.float32]]] = []
+        kept: list[Tree] = []
         for i in range(config.searches):
             index = (number * config.searches + i) % config.problems
             problem = mixed_problem(self.distributions, "train", index)
@@ -407,17 +393,10 @@ class _Run:
             _, expansion, choice = streams(_mixed(config.seed, _SCORER_SEED, number, i))
             search = Search(problem, expansion, choice)
             search.attach(guidance)
-            lessons = _Lessons(guidance, search)
+            lessons = TreeLessons(guidance, search)
             search.run(guidance, config.max_samples, watcher=lessons)
-            seen = lessons.rows
-            some = np.unique(np.linspace(0, len(seen) - 1, min(_STEPS_KEPT, len(seen))).astype(int))
-            kept.extend(seen[k] for k in some if len(seen[k][1]) > 1)
-        sizes = np.array([len(q) for _, q in kept], np.int64)
-        columns = (
-            np.concatenate([c for c, _ in kept]) if kept else np.zeros((0, len(ScorerColumn)), np.float32)
-        )
-        targets = np.concatenate([q for _, q in kept]) if kept else np.zeros(0, np.float32)
-        return {"sizes": sizes, "columns": columns, "targets": targets}
+            kept.extend(lessons.some(_STEPS_KEPT))
+        return kept
 
     # Validation
 
@@ -508,12 +487,18 @@ class _Example:
         return (corrections - self.targets[chosen].to(device)) / self.scale[chosen].to(device)
 
 
-class _Lessons:
+class TreeLessons:
     """What a node scorer is taught: its columns and the target distribution, before each choice."""
 
-    def __init__(self, guidance: LearnedGuidance, search: Search) -> None:
+    def __init__(self, guidance: ScoredGuidance, search: Search) -> None:
         self._guidance, self._tree, self._measure = guidance, search.tree, Measure(search)
-        self.rows: list[tuple[NDArray[np.float32], NDArray[np.float32]]] = []
+        self.rows: list[Tree] = []
+
+    def some(self, count: int) -> list[Tree]:
+        """Up to ``count`` of them, evenly spread, of trees with a choice."""
+        rows = self.rows
+        which = np.unique(np.linspace(0, len(rows) - 1, min(count, len(rows))).astype(int))
+        return [rows[k] for k in which if len(rows[k][1]) > 1]
 
     def before(self, node: int) -> None:
         """Take down the tree as it stands."""
@@ -543,8 +528,46 @@ def _random_decoder(decoder: networks.Decoder) -> Tensors:
     return {name: t.detach().cpu().numpy().copy() for name, t in decoder.state_dict().items()}
 
 
-def _trees(folder: Path, number: int) -> list[tuple[NDArray[np.float32], NDArray[np.float32]]]:
-    _, tensors = RunFolder.read(folder / f"data/trees-{number:03d}.safetensors")
+def tree_loss(
+    scorer: networks.NodeScorer,
+    batch: list[Tree],
+    divergence: str = "forward",
+    device: torch.device | None = None,
+) -> Tensor:
+    """Mean divergence between the target distribution and the softmax of a scorer's logits."""
+    longest = max(len(q) for _, q in batch)
+    columns = np.zeros((len(batch), longest, len(ScorerColumn)), np.float32)
+    target = np.zeros((len(batch), longest), np.float32)
+    for row, (nodes, q) in enumerate(batch):
+        columns[row, : len(q)], target[row, : len(q)] = nodes, q
+    wanted = torch.from_numpy(target).to(device)
+    mask = wanted > 0
+    logp = functional.log_softmax(scorer(torch.from_numpy(columns).to(device), mask), dim=1)
+    logp = logp.masked_fill(~mask, 0.0)
+    logq = torch.log(wanted.clamp_min(1e-30)).masked_fill(~mask, 0.0)
+    if divergence == "forward":
+        terms = wanted * (logq - logp)
+    else:
+        terms = logp.exp().masked_fill(~mask, 0.0) * (logp - logq)
+    return terms.sum(1).mean()
+
+
+def joined_trees(trees: list[Tree]) -> Tensors:
+    """Trees as the tensors of a file."""
+    none = np.zeros((0, len(ScorerColumn)), np.float32), np.zeros(0, np.float32)
+    return {
+        "sizes": np.array([len(q) for _, q in trees], np.int64),
+        "columns": np.concatenate([none[0], *(c for c, _ in trees)]),
+        "targets": np.concatenate([none[1], *(q for _, q in trees)]),
+    }
+
+
+def _trees(folder: Path, number: int) -> list[Tree]:
+    return split_trees(RunFolder.read(folder / f"data/trees-{number:03d}.safetensors")[1])
+
+
+def split_trees(tensors: Tensors) -> list[Tree]:
+    """The trees that `joined_trees` joined."""
     ends = np.cumsum(tensors["sizes"])[:-1]
     return list(zip(np.split(tensors["columns"], ends), np.split(tensors["targets"], ends), strict=True))
 

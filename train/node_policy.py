@@ -28,9 +28,10 @@ from guided_gym.envs.guide_selection_env import Unobserved
 from guided_gym.envs.guided_search_env import GuidedSearchEnv
 from guided_gym.guidance.base import GuidingSpace
 from guided_gym.guidance.learned import weights
-from guided_gym.guidance.learned.agent import LearnedAgent, LearnedGuidance, agent_folder
+from guided_gym.guidance.learned.agent import LearnedAgent, LearnedGuidance
 from guided_gym.guidance.learned.field import FieldArchitecture, FieldModel
 from guided_gym.guidance.learned.field import plain_tensors as plain_field
+from guided_gym.guidance.learned.folders import agent_folder
 from guided_gym.guidance.learned.scorer import ScorerArchitecture, ScorerColumn, ScorerModel
 from guided_gym.guidance.learned.scorer import plain_tensors as plain_scorer
 from guided_gym.train import networks

@@ -45,9 +45,10 @@ def overview() -> dict[str, Rows]:
 
 def _shipped() -> Rows:
     """The agents that come with the package: what each is and what it learned on, as its card says."""
+    from guided_gym.guidance.learned import motion_agent as motions
     from guided_gym.guidance.learned import rule as rules
     from guided_gym.guidance.learned import weights
-    from guided_gym.guidance.learned.agent import agent_folder, shipped_agents
+    from guided_gym.guidance.learned.folders import agent_folder, shipped_agents
 
     rows = []
     for name in shipped_agents():
@@ -55,6 +56,8 @@ def _shipped() -> Rows:
         if weights.card_kind(folder) == rules.RULE_KIND:
             card = rules.load_rule_card(folder)
             what = f"A hybrid of {' and '.join(card['guides'])}"
+        elif weights.card_kind(folder) == motions.MOTION_KIND:
+            card, what = motions.load_motion_card(folder), "Belief in motions, cost-to-go and a node scorer"
         else:
             card, what = weights.load_card(folder), "A field and a node scorer"
         problems = ", ".join(card["training"]["environments"])

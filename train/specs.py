@@ -204,18 +204,18 @@ def _made(spec: GuidanceSpec, spelling: str, stamp: tuple[Any, ...]) -> GuidingS
 
 def _stamp(spec: GuidanceSpec) -> tuple[Any, ...]:
     """What the names and files of a guidance stand for at the moment."""
-    from guided_gym.guidance.learned.agent import agent_folder
+    from guided_gym.guidance.learned.folders import agent_folder
     from guided_gym.guidance.registry import parts
 
     try:
         stamp: list[Any] = []
         for call, table in parts(spec.call):
-            if call.name.startswith(LEARNED):
-                stamp += map(_changed, sorted(agent_folder(call.name.removeprefix(LEARNED)).iterdir()))
-            else:
+            if not call.name.startswith(LEARNED):
                 stamp.append(table.maker(call.name))
             values = [_plain(option.value) for option in call.options]
             stamp += [_changed(Path(value)) for value in values if isinstance(value, str)]
+        for agent in _agents_of(spec.call):
+            stamp += map(_changed, sorted(agent_folder(agent).iterdir()))
         return tuple(stamp)
     except GuidedGymError:  # making it says what is wrong, and where
         return ()
@@ -327,10 +327,22 @@ def _yours(calls: Sequence[Call], *others: Any) -> dict[str, str]:
     return code_identity(found)
 
 
+def _agents_of(expression: Call) -> Iterator[str]:
+    """The learned agents in an expression: ``learned:NAME``, and the option ``agent`` of its parts."""
+    from guided_gym.guidance.registry import parts
+    from guided_gym.guidance.tables import parameters
+
+    for call, table in parts(expression):
+        if call.name.startswith(LEARNED):
+            yield call.name.removeprefix(LEARNED)
+        elif (known := parameters(table.maker(call.name))).keys() >= {"agent"}:
+            named = [option.value for option in call.options if option.name == "agent"]
+            yield str([*named, *call.arguments[:1], known["agent"].default][0])
+
+
 def _agents_content(expressions: Sequence[Call]) -> dict[str, Any]:
     """The learned agents that take part, by their weights and the code that runs them."""
-    calls = _calls(tuple(expressions))
-    agents = [call.name.removeprefix(LEARNED) for call in calls if call.name.startswith(LEARNED)]
+    agents = [agent for call in expressions for agent in _agents_of(call)]
     if not agents:
         return {}
     from guided_gym.guidance.learned.agent import fingerprint as agent_fingerprint

@@ -116,6 +116,45 @@ def imitation(
     print(f"\nAgent in {agent}; try: guided-gym evaluate --guidance {learned_word(agent)} --env ...")
 
 
+_MOTION_OPTIONS: OptionTable = {
+    "seed": SEED,
+    "problems": (int, "Training problems."),
+    "motions": (int, "Motions of each that are checked for collision."),
+    "validation": VALIDATION,
+    "belief_steps": (int, "Steps of the belief."),
+    "estimate_steps": (int, "Steps of the cost-to-go."),
+    "rounds": (int, "Rounds of DAgger."),
+    "searches": (int, "Searches a round."),
+    "selection": (bool, "Whether the scorer's trees are expanded uniformly."),
+}
+
+
+@train_app.command("motions")
+@takes({**VALIDATION_WORK, **optional(_MOTION_OPTIONS)})
+def motions(
+    env: Annotated[
+        str | None, typer.Argument(help="Environments of one robot to learn from, separated by commas.")
+    ] = None,
+    config: Config = None,
+    out: Out = None,
+    **given: Any,
+) -> None:
+    """Learn which motions are free, and the cost-to-go, where no grid can go. Call it again to resume."""
+    need("torch")
+    from guided_gym.train.imitation import AGENT_FOLDER
+    from guided_gym.train.motions import MotionConfig, train_motions
+    from guided_gym.train.specs import learned_word
+
+    executor = executor_of(given)
+    settings = settings_of(MotionConfig, config, {"environments": env, **given})
+    folder = out or Path("runs") / f"motions-{'+'.join(settings.environments)}"
+    with progress_bar("Motions", folder) as progress:
+        card = train_motions(settings, folder, progress, executor)
+    _print_history(card)
+    agent = folder / AGENT_FOLDER
+    print(f"\nAgent in {agent}; try: guided-gym evaluate --guidance {learned_word(agent)} --env ...")
+
+
 def _print_history(card: dict[str, Any]) -> None:
     from rich.console import Console
 

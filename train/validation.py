@@ -25,6 +25,7 @@ def validated(
     count: int,
     max_samples: int,
     run: MapTasks = in_order,
+    expansion: str | None = None,
 ) -> dict[str, float]:
     """Means over the first ``count`` validation problems of several distributions taken in turns.
 
@@ -33,6 +34,7 @@ def validated(
         guidance: Who searches.
         count: How many problems.
         max_samples: Samples after which a search gives up.
+        expansion: Who proposes, as `guided_search` takes it; the guidance itself if None.
         run: Who does the searches (`guided_gym.compute.workers.worker_pool`); this process if not said.
 
     Returns:
@@ -42,20 +44,24 @@ def validated(
         NoPathError: A problem without a path.
     """
     batches = [range(i, min(i + _BATCH, count)) for i in range(0, count, _BATCH)]
-    work = partial(_searches, distributions, guidance, max_samples)
+    work = partial(_searches, distributions, guidance, max_samples, expansion)
     found = {row[0]: row[1:] for rows in run(work, batches) for row in rows}  # whoever is done first
     columns = zip(*(found[i] for i in range(count)), strict=True)
     return {name: float(np.mean(column)) for name, column in zip(_FIGURES, columns, strict=True)}
 
 
 def _searches(
-    distributions: list[ProblemDistribution], guidance: GuidingSpace, max_samples: int, numbers: Sequence[int]
+    distributions: list[ProblemDistribution],
+    guidance: GuidingSpace,
+    max_samples: int,
+    expansion: str | None,
+    numbers: Sequence[int],
 ) -> list[tuple[int, bool, int, float, float]]:
     """The number of each problem, and the figures of the search for it."""
     rows = []
     for i in numbers:
         problem = mixed_problem(distributions, "validation", i)
-        result = guided_search(problem, guidance, seed=i, max_samples=max_samples)
+        result = guided_search(problem, guidance, seed=i, max_samples=max_samples, expansion=expansion)
         best = float(result.record.best.sum())
         rows.append((i, result.solved, result.samples, result.total_efficiency, best))
     return rows

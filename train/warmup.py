@@ -75,7 +75,7 @@ def _arm() -> None:
     # Its oracle takes seconds and compiles nothing that a few vertices do not.
     options = SearchOptions(oracle=OracleOptions(resolution=(200,)))
     problem = make_distribution("PlanarArm2").problem(0)
-    for guidance in ("rrt", "lazy_prm"):
+    for guidance in ("rrt", "lazy_prm", "roadmap(environment=predicted,vertices=500)"):
         guided_search(problem, guidance, seed=0, max_samples=_SAMPLES, options=options)
 
 

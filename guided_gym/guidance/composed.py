@@ -22,7 +22,7 @@ from guided_gym.geometry.space import ConfigurationSpace
 from guided_gym.guidance.base import GuidingSpace
 from guided_gym.guidance.modifications import SAME, UNCHANGED, EnvironmentModification, RobotModification
 from guided_gym.guidance.proof import parted_cells, parted_workspace
-from guided_gym.guidance.solvers.base import CostToGo, Query
+from guided_gym.guidance.solvers.base import CostToGo, Doubts, Query
 from guided_gym.kernels.turns import charged
 from guided_gym.options import checked_candidates
 from guided_gym.problems import Task
@@ -122,7 +122,7 @@ class Composed(GuidingSpace):
         start, goal = self.search.start, self.goal
         try:
             easier = self.robot.space(self.space, environment, start)
-            self.query = Query(easier, self._state(start), self._state(goal))
+            self.query = Query(easier, self._state(start), self._state(goal), self._doubts())
             self.solver.begin(self.query, self.rng, self.planner.step)
         except InvalidInputError as error:
             raise InvalidInputError(f"{error} (guidance {self.expression or self.name!r})") from error
@@ -130,6 +130,23 @@ class Composed(GuidingSpace):
         self._projected = 0
         self._least: tuple[tuple[int, int, int], tuple[int, float]] | None = None
         self._count_looks()
+
+    def _doubts(self) -> Doubts | None:
+        """What the environment modification believes of motions of r' in E.
+
+        Raises:
+            InvalidInputError: It believes something, and the solver cannot take it.
+        """
+        believe = getattr(self.environment, "doubts", None)
+        if believe is None:
+            return None
+        if not getattr(self.solver, "doubts", False):
+            raise InvalidInputError(
+                "environment: expected a solver that asks what is believed of motions, such as roadmap; got "
+                f"{type(self.solver).__name__}"
+            )
+        doubts: Doubts = believe(self.robot.space(self.space, self.space.environment, self.search.start))
+        return doubts
 
     def _state(self, q: Floats) -> Floats:
         state: Floats = np.ascontiguousarray(self.robot.project(q[None])[0])
@@ -230,6 +247,12 @@ class Composed(GuidingSpace):
         ):
             return self.goal.copy()
         candidates = self.planner.candidates(q, self.candidates)
+        if self.query.doubts is not None:
+            before = self.solver.looks
+            origin, states = self._state(q), self.project(tree, candidates)
+            choice: Floats = candidates[self.solver.choose(origin, states)]  # type: ignore[attr-defined]
+            self._count_looks(before)
+            return choice
         h = self._checked(self.heuristic(self.project(tree, candidates)), len(candidates))
         plausible = getattr(self.solver, "plausible", None)
         if plausible is not None:

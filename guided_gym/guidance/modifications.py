@@ -25,6 +25,8 @@ from guided_gym.geometry.robots import Robot, rigid
 from guided_gym.geometry.solids import Capsule, SpatialEnvironment
 from guided_gym.geometry.space import ConfigurationSpace
 from guided_gym.geometry.spatial_arms import SpatialArm, point_in_space
+from guided_gym.guidance.learned.belief import Belief, BeliefModel
+from guided_gym.guidance.learned.motion_agent import load_motion_agent
 from guided_gym.guidance.solvers.base import Floats
 from guided_gym.guidance.subspace import Subspace
 from guided_gym.kernels.metric import Metric
@@ -503,6 +505,61 @@ class Revealed(SameEnvironment):
         return space.environment.keeping(sorted(self._known))
 
 
+class Predicted(Nothing):
+    """E' is empty, and what is in the way is believed: p(free) of each motion, learned, from the workspace.
+
+    A motion of probability p counts as long as it would be tried: ``effort`` times its length for each time
+    that it is expected to fail, (1 - p) / p.
+
+    Args:
+        agent: A shipped agent's name, a folder, or a belief network (`guided_gym.guidance.learned.belief`).
+        effort: What a failure costs, in lengths of the motion.
+        least: p below which a motion is not believed in at all.
+    """
+
+    def __init__(
+        self, agent: str | BeliefModel = "planar-arm-4", *, effort: float = 1.0, least: float = 0.1
+    ) -> None:
+        self.model = agent if isinstance(agent, BeliefModel) else load_motion_agent(agent).belief
+        self.effort = number("effort", effort, least=0)
+        self.least = number("least", least, above=0, below=1)
+
+    def doubts(self, space: ConfigurationSpace) -> _Expected:
+        """What is believed of the motions of a space.
+
+        Raises:
+            InvalidInputError: A robot that is not planar, or a plane through its space.
+        """
+        if isinstance(space, Subspace):
+            raise InvalidInputError(
+                f"predicted: expected the configuration space of a body, got a plane of {space.dimension} "
+                "dimensions through one"
+            )
+        return _Expected(self.model.on(space), self.effort, self.least)
+
+
+class _Expected:
+    """A belief as factors on lengths."""
+
+    def __init__(self, belief: Belief, effort: float, least: float) -> None:
+        self._belief, self._effort, self._least = belief, effort, least
+
+    @property
+    def looks(self) -> int:
+        """Configurations that were looked at in the raster."""
+        return self._belief.looks
+
+    def factors(self, starts: Floats, ends: Floats) -> Floats:
+        """(n,) expected tries of each motion, weighed; infinite for those that are not believed in."""
+        p = self._belief.motions(starts, ends, self._least)
+        with np.errstate(divide="ignore"):
+            return np.where(p >= self._least, 1.0 + self._effort * (1.0 / p - 1.0), np.inf)
+
+    def likely(self, starts: Floats, ends: Floats) -> Floats:
+        """(n,) p(free) of each motion."""
+        return self._belief.motions(starts, ends)
+
+
 UNCHANGED: Final = SameEnvironment()
 
 
@@ -525,4 +582,5 @@ ENVIRONMENTS: Final[dict[str, Callable[..., Any]]] = {
     "hulls": Hulls,
     "boxes": Boxes,
     "revealed": Revealed,
+    "predicted": Predicted,
 }

@@ -12,7 +12,7 @@ import pytest
 from typer.testing import CliRunner
 
 from guided_gym.errors import GuidedGymWarning
-from guided_gym.guidance.learned.agent import agent_folder, shipped_agents
+from guided_gym.guidance.learned.folders import agent_folder, shipped_agents
 from guided_gym.registration import SELECTIONS
 from guided_gym.train import cli
 from guided_gym.train.results import RESULTS_FILE, ResultsFile

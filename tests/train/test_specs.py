@@ -14,7 +14,7 @@ from guided_gym.errors import InvalidInputError, UnknownNameError
 from guided_gym.guidance.cells import Uninformed
 from guided_gym.guidance.grammar import Call, parse
 from guided_gym.guidance.hybrid import Hybrid
-from guided_gym.guidance.learned.agent import agent_folder
+from guided_gym.guidance.learned.folders import agent_folder
 from guided_gym.train import cli
 from guided_gym.train.evaluation import as_specs
 from guided_gym.train.specs import EvaluationSettings, GuidanceSpec, learned_word, settings_content, words

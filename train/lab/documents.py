@@ -23,7 +23,7 @@ from guided_gym.errors import GuidedGymError, InvalidInputError, StorageError
 from guided_gym.geometry.robots import Robot
 from guided_gym.geometry.space import ConfigurationSpace
 from guided_gym.guidance.grammar import Call
-from guided_gym.guidance.learned.agent import shipped_agents
+from guided_gym.guidance.learned.folders import shipped_agents
 from guided_gym.guidance.registry import parts, read_guidance
 from guided_gym.problems import Problem
 

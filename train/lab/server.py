@@ -22,7 +22,7 @@ from starlette.types import ASGIApp, Receive, Scope, Send
 from guided_gym.catalogue.table import distribution_names, make_distribution
 from guided_gym.display.pages import web_file
 from guided_gym.errors import GuidedGymError, InvalidInputError, StorageError
-from guided_gym.guidance.learned.agent import shipped_agents
+from guided_gym.guidance.learned.folders import shipped_agents
 from guided_gym.guidance.registry import guidance_names
 from guided_gym.train.lab.documents import (
     LARGEST,

@@ -206,6 +206,11 @@ def load_agent(
     return card, tensors
 
 
+def part_of(tensors: Tensors, part: str) -> Tensors:
+    """The tensors of one part of an agent, without its name and the dot."""
+    return {name.partition(".")[2]: t for name, t in tensors.items() if name.startswith(f"{part}.")}
+
+
 def check_tensors(tensors: Tensors, expected: Mapping[str, tuple[int, ...]], where: str | Path) -> None:
     """Refuse tensors that do not fit the architecture.
 

@@ -17,6 +17,22 @@ Floats = NDArray[np.float64]
 Valid = Callable[[Floats], NDArray[np.bool_]]
 
 
+class Doubts(Protocol):
+    """What an environment modification believes of motions, where E' has no obstacles that say it.
+
+    Attributes:
+        looks: Configurations that it has looked at, in a raster or elsewhere, since it was made.
+    """
+
+    looks: int
+
+    def factors(self, starts: Floats, ends: Floats) -> Floats:
+        """(n,) how many times longer motions between (n, d) configurations count; infinite for never."""
+
+    def likely(self, starts: Floats, ends: Floats) -> Floats:
+        """(n,) p(free) of each motion."""
+
+
 class Query(NamedTuple):
     """A start and a goal in the guiding space C' = (r', E'); either may be in collision there.
 
@@ -24,11 +40,14 @@ class Query(NamedTuple):
         space: C', of dimension d'.
         start: (d',) the projection of the start.
         goal: (d',) the projection of the goal.
+        doubts: What is believed of motions; None where E' says all there is to know. A class attribute
+            ``doubts = True`` of a solver says that it asks them.
     """
 
     space: ConfigurationSpace
     start: Floats
     goal: Floats
+    doubts: Doubts | None = None
 
 
 class CostToGo(Protocol):

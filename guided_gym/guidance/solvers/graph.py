@@ -390,6 +390,10 @@ class AnchoredStates:
         )  # fmt: skip
         self._stale.append(rows)
 
+    def touch(self, row: int) -> None:
+        """Say that the anchors of a node have changed."""
+        self._stale.append(np.array([row]))
+
     def affected(self, vertices: NDArray[np.int64]) -> NDArray[np.int64]:
         """Nodes whose cost has to be worked out anew: anchored to one of the vertices, or stale."""
         rows = self._stale

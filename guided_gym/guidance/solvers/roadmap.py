@@ -11,6 +11,7 @@ import numpy as np
 from guided_gym.checks import affordable, integer
 from guided_gym.geometry.space import ConfigurationSpace
 from guided_gym.guidance.solvers.base import Floats, Query
+from guided_gym.guidance.solvers.doubted import DoubtedGraph
 from guided_gym.guidance.solvers.graph import Anchors, Graph, GraphCostToGo, Ints
 from guided_gym.kernels.anchors import candidate_values, charged_anchors, nearest_anchors, segments_touched
 from guided_gym.kernels.metric import Metric
@@ -29,6 +30,7 @@ _RENEWALS: Final = 9  # where no path exists, there must be a last one
 _VERTEX: Final = 300  # bytes of a vertex, its place in the index and in the tree of shortest paths included
 _EDGE: Final = 200  # of an edge: while the graph is built, and in the index of its segments
 _ANCHOR: Final = 40  # of an anchor, and its link back
+_LIKELY: Final = 0.5  # p(free) of a motion that is worth a sample
 _AROUND: Final = 12  # times as many vertices around candidates as each of them has anchors
 
 
@@ -50,12 +52,16 @@ class Roadmap(GraphCostToGo):
     Where nothing leads to the goal any more, a lazy one gives way to another, and what was taught holds
     within half the reach. The other has half as many vertices again, unless failures cut off all nodes from
     the vertices, as they do around a start in a tight place: more vertices would change nothing there.
+    Where the query brings doubts, vertices and edges are free of what the robot has of itself, and the doubts
+    are asked about the vertices, and then about those ways that are about to be taken (`DoubtedGraph`).
 
     Args:
         vertices: Number of samples.
         neighbours: Edges from each vertex to its nearest neighbours.
         anchors: Vertices that a state is joined to.
     """
+
+    doubts = True
 
     def __init__(self, *, vertices: int = 1000, neighbours: int = 12, anchors: int = 4) -> None:
         self.vertices = integer("vertices", vertices, least=1)
@@ -69,6 +75,7 @@ class Roadmap(GraphCostToGo):
         """Draw the roadmap, or take one that was drawn before."""
         self._finer = self._renewals = 0
         self._lazy = not query.space.environment.obstacles
+        self._asked = 0 if query.doubts is None else query.doubts.looks
         super().begin(query, rng, step)
 
     def build(self) -> Graph:
@@ -76,7 +83,8 @@ class Roadmap(GraphCostToGo):
         space, goal = self.query.space, self.query.goal
         number = int(self.rng.integers(_NETS))
         count = int(self.vertices * 1.5**self._finer)
-        kind = _Kind(space) if self._lazy else _Validated(space)
+        doubts = self.query.doubts
+        kind = _Kind(space) if self._lazy and doubts is None else _Validated(space)
         self._net = _net(kind, count, self.neighbours, number)
         ids, lengths = np.zeros(0, np.int64), np.zeros(0)
         if len(self._net.points):  # none where C' has no room at all
@@ -90,7 +98,14 @@ class Roadmap(GraphCostToGo):
         graph = with_vertex(self._net.graph, ids, lengths)
         ends = points[graph.edges[len(self._net.graph.lengths) :]]
         self._own = np.ascontiguousarray(ends[:, 0]), np.ascontiguousarray(ends[:, 1])  # edges of the goal
-        return Graph(points, graph, len(points) - 1)
+        if doubts is None:
+            return Graph(points, graph, len(points) - 1)
+        hopeless = np.isinf(doubts.factors(points[:-1], points[:-1]))
+        gone = np.append(hopeless, False)[graph.edges].any(axis=1)
+        made = Graph(points, graph._replace(lengths=np.where(gone, np.inf, graph.lengths)), len(points) - 1)
+        self._doubted = DoubtedGraph(made, doubts)
+        self._told = np.zeros((0, 0), np.bool_)  # which anchors of the nodes have been asked about
+        return made
 
     def anchor(self, states: Floats) -> Anchors:
         """Join each state to its nearest vertices, or to the goal where that is nearer."""
@@ -120,6 +135,13 @@ class Roadmap(GraphCostToGo):
     def __call__(self, states: Floats) -> Floats:
         """(n, d') states to (n,) cost-to-go; candidates around a node share the search for vertices."""
         states = np.ascontiguousarray(states)
+        if self.query.doubts is not None:
+            anchors = self.joined(states)
+            ends = self.graph.points[anchors.vertices.ravel()]
+            starts = np.repeat(states, anchors.vertices.shape[1], axis=0)
+            anchors.lengths *= self.query.doubts.factors(starts, ends).reshape(anchors.lengths.shape)
+            self._count_asked()
+            return self._values(anchors, np.arange(len(anchors)))
         around = _AROUND * self.anchors
         if self._lazy and 1 < len(states) <= around < len(self.graph.points):
             graph = self.graph
@@ -132,6 +154,50 @@ class Roadmap(GraphCostToGo):
 
     def follow(self, states: Floats) -> Floats:
         """(n,) cost-to-go of the nodes; on another roadmap where none of them sees a way any more."""
+        h = self._followed(states)
+        if self.query.doubts is not None:
+            while math.isfinite(h.min()) and self._look_from_node(states, int(np.argmin(h))):
+                h = self._followed(states)
+            self._count_asked()
+        return h
+
+    def _look_from_node(self, states: Floats, node: int) -> bool:
+        """Ask about the way from a node; whether there was anything to ask."""
+        nodes = self._nodes
+        assert nodes is not None
+        if len(nodes) > len(self._told):
+            told = np.zeros((2 * len(nodes), nodes.anchors.vertices.shape[1]), np.bool_)
+            told[: len(self._told), : self._told.shape[1]] = self._told
+            self._told = told
+        if not self._doubted.look_from(states, nodes.anchors, self._told, node):
+            return False
+        nodes.touch(node)
+        return True
+
+    def choose(self, origin: Floats, states: Floats) -> int:
+        """Of some states around another, the one to go to: likely to be reached, with the shortest way on.
+
+        Only where the query brings doubts.
+        """
+        assert self.query.doubts is not None
+        chances = self.query.doubts.likely(np.repeat(origin[None], len(states), axis=0), states)
+        likely = np.flatnonzero(chances >= _LIKELY)
+        chosen = int(np.argmax(chances))
+        if likely.size:
+            near = np.ascontiguousarray(states[likely])
+            row, way = self._doubted.nearest(near, self.joined(near))
+            chosen = int(likely[row]) if math.isfinite(way) else chosen
+        self._count_asked()
+        return chosen
+
+    def _count_asked(self) -> None:
+        """What the doubts have looked at is looked at by this solver."""
+        doubts = self.query.doubts
+        if doubts is not None:
+            self.looks += doubts.looks - self._asked
+            self._asked = doubts.looks
+
+    def _followed(self, states: Floats) -> Floats:
         h = super().follow(states)
         while self._lazy and self._renewals < _RENEWALS and not math.isfinite(h.min()):
             self._renewals += 1

@@ -41,7 +41,7 @@ class Searched(GraphCostToGo):
             InvalidInputError: No space of a body.
         """
         require_body("searched", self.query)
-        space, start, goal = self.query
+        space, start, goal = self.query[:3]
         points, edges, lengths = goal[None], np.zeros((0, 2), np.int32), np.zeros(0)
         self._open = bool(space.valid(goal)) and bool(space.valid(start))
         if self._open:

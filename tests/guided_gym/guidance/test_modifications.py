@@ -90,6 +90,7 @@ ENVIRONMENTS: dict[str, Callable[[], Any]] = {
     "hulls": m.Hulls,
     "boxes": m.Boxes,
     "revealed": m.Revealed,
+    "predicted": m.Predicted,
 }
 
 

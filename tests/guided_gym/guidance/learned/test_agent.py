@@ -15,7 +15,9 @@ from guided_gym.envs.guided_search_env import GuidedSearchEnv
 from guided_gym.errors import InvalidInputError, UnknownNameError
 from guided_gym.guidance.composed import Lesson
 from guided_gym.guidance.hybrid import Hybrid
-from guided_gym.guidance.learned.agent import LearnedGuidance, fingerprint, load_named, shipped_agents
+from guided_gym.guidance.learned.agent import LearnedGuidance, fingerprint, load_named
+from guided_gym.guidance.learned.folders import shipped_agents
+from guided_gym.guidance.learned.scored import ScoredGuidance
 from guided_gym.guidance.learned.scorer import ScorerColumn
 from guided_gym.guidance.registry import make_guidance
 from guided_gym.planning import guided_search
@@ -132,7 +134,7 @@ def test_agents_are_kept_until_their_files_change(agent_folder: Path) -> None:
 def test_shipped_agents_load(name: str | None) -> None:
     if name is None:
         pytest.skip("none is shipped yet")
-    assert isinstance(make_guidance(f"learned:{name}"), LearnedGuidance | Hybrid)
+    assert isinstance(make_guidance(f"learned:{name}"), ScoredGuidance | Hybrid)
 
 
 def test_needs_no_torch(agent_folder: Path) -> None:

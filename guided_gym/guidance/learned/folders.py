@@ -1,0 +1,36 @@
+"""Where learned agents are: those that come with the package, and folders of your own."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Final
+
+from guided_gym.errors import UnknownNameError
+from guided_gym.guidance.learned import weights
+
+SHIPPED: Final = Path(__file__).parent / "shipped"
+
+
+def shipped_agents() -> list[str]:
+    """Names of the agents that come with the package."""
+    if not SHIPPED.is_dir():
+        return []
+    return sorted(path.parent.name for path in SHIPPED.glob(f"*/{weights.CARD_FILE}"))
+
+
+def agent_folder(name: str) -> Path:
+    """The folder of a shipped agent or of one of your own.
+
+    Raises:
+        UnknownNameError: Neither a shipped agent nor a folder.
+    """
+    if name in shipped_agents():
+        return SHIPPED / name
+    folder = Path(name)
+    try:
+        there = bool(name) and folder.is_dir()
+    except (OSError, ValueError):  # longer than any path
+        there = False
+    if not there:
+        raise UnknownNameError("learned agent (and no such folder)", name, shipped_agents())
+    return folder

@@ -1,0 +1,71 @@
+"""Roadmaps whose edges are believed in, and asked about only along the ways that are about to be taken."""
+
+from __future__ import annotations
+
+import math
+from typing import Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from guided_gym.guidance.solvers.base import Doubts, Floats
+from guided_gym.guidance.solvers.graph import Anchors, Graph
+from guided_gym.kernels.belief import way_edges
+
+_TOGETHER: Final = 64  # edges of a way that are asked about at once
+
+
+class DoubtedGraph:
+    """A graph of which edges count as free until a way along them is the shortest: then they are asked about.
+
+    Args:
+        graph: The graph; its edges get longer, or are removed.
+        doubts: Who is asked.
+    """
+
+    def __init__(self, graph: Graph, doubts: Doubts) -> None:
+        self.graph, self.doubts = graph, doubts
+        self._known = np.zeros(len(graph.edges), np.bool_)
+
+    def look_along(self, vertex: int) -> bool:
+        """Ask about the way from a vertex to the goal; whether there was anything to ask."""
+        tree = self.graph.tree
+        edges = way_edges(vertex, tree.parent, tree.parent_edge, self._known, _TOGETHER)
+        if not edges.size:
+            return False
+        self._known[edges] = True
+        ends = self.graph.points[self.graph.edges[edges]]
+        factors = self.doubts.factors(ends[:, 0], ends[:, 1])
+        self.graph.raise_edges(edges[np.isinf(factors)], math.inf)
+        for edge, factor in zip(edges.tolist(), factors.tolist(), strict=True):
+            if 1.0 < factor < math.inf:
+                self.graph.raise_edges(np.array([edge]), factor)
+        return True
+
+    def look_from(self, states: Floats, anchors: Anchors, known: NDArray[np.bool_], row: int) -> bool:
+        """Ask about the shortest way from one of some states; whether there was anything to ask.
+
+        Args:
+            states: (n, d') the states.
+            anchors: How they are joined to the graph; their lengths are changed in place.
+            known: (n, k) which anchors have been asked about, changed in place.
+            row: Which state.
+        """
+        vertices = anchors.vertices[row]
+        best = int(np.argmin(anchors.lengths[row] + self.graph.distance[vertices]))
+        vertex = int(vertices[best])
+        if not known[row, best]:
+            known[row, best] = True
+            factor = self.doubts.factors(states[row][None], self.graph.points[vertex][None])[0]
+            anchors.lengths[row, best] *= factor
+            return True
+        return self.look_along(vertex)
+
+    def nearest(self, states: Floats, anchors: Anchors) -> tuple[int, float]:
+        """Which of some states has the shortest way to the goal as far as is known, all of it asked about."""
+        known = np.zeros(anchors.vertices.shape, np.bool_)
+        while True:
+            ways = (anchors.lengths + self.graph.distance[anchors.vertices]).min(axis=1)
+            row = int(np.argmin(ways))
+            if not math.isfinite(ways[row]) or not self.look_from(states, anchors, known, row):
+                return row, float(ways[row])
