@@ -183,7 +183,7 @@ class Roadmap(GraphCostToGo):
         chances = self.query.doubts.likely(np.repeat(origin[None], len(states), axis=0), states)
         likely = np.flatnonzero(chances >= _LIKELY)
         chosen = int(np.argmax(chances))
-        if likely.size:
+        if likely.size and len(self.graph.points) > 1:
             near = np.ascontiguousarray(states[likely])
             row, way = self._doubted.nearest(near, self.joined(near))
             chosen = int(likely[row]) if math.isfinite(way) else chosen
