@@ -240,7 +240,7 @@ def _worth(guide: GuidingSpace) -> int:
     assert isinstance(guide, Composed) and isinstance(guide.solver, Wave)
     if guide.solver.sees_way:
         return sys.maxsize
-    space, *ends = guide.query
+    space, *ends = guide.query[:3]
     return 0 if all(space.valid(end) for end in ends) else _TIGHT
 
 
