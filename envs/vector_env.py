@@ -373,7 +373,8 @@ class GuidedSearchVectorEnv(VectorEnv[Any, Any, Any]):
             q = np.empty((i.size, 2))
             for d, trees in self._trees.items():
                 own = self._dimension[i] == d
-                q[own] = areas[0].robot.position(trees.configurations[i[own], node[own]])
+                if own.any():
+                    q[own] = areas[0].robot.position(trees.configurations[i[own], node[own]])
             self._regions[i, node] = regions_of(areas[1], q)
 
     def _rewards(self, stepped: NDArray[np.int64]) -> NDArray[np.float64]:

@@ -125,6 +125,8 @@ class _Seen:
         )
 
     def _function(self, function: FunctionType, depth: int) -> None:
+        if not _yours(function):
+            function = inspect.unwrap(function)  # a door of the package holds nothing of yours
         yours, title = _yours(function), _title(function)
         if not yours or _importable(function.__module__):
             if yours:

@@ -137,7 +137,15 @@ class Environment:
         return local, max(map(abs, self.bounds))
 
     def keeping(self, kept: Sequence[int]) -> Environment:
-        """The same bounds with some of the obstacles."""
+        """The same bounds with some of the obstacles, by their indices.
+
+        Raises:
+            InvalidInputError: There is no such obstacle.
+        """
+        n = len(self.obstacles)
+        for i in kept:
+            if not 0 <= integer("kept", i, least=0) < n:
+                raise InvalidInputError(f"kept: expected obstacles 0 to {n - 1}, got {shown(i)}")
         return Environment(self.bounds, tuple(self.obstacles[i] for i in kept))
 
     def hulls(self) -> Environment:

@@ -95,6 +95,7 @@ class Mechanism(ABC):
         gaps: FloatArray = shapely.distance(placed, np.array(environment.obstacles, dtype=object))
         return gaps
 
+    @door
     def side_gaps(self, q: FloatArray, environment: Environment) -> FloatArray:
         """How far it is inside each of `Environment.sides`; negative beyond (length)."""
         xmin, ymin, xmax, ymax = environment.bounds

@@ -13,6 +13,7 @@ import numpy.typing as npt
 import shapely
 
 from guided_gym.checks import instance, number, vector
+from guided_gym.doors import doors
 from guided_gym.errors import InvalidInputError
 from guided_gym.geometry.environment import Environment
 from guided_gym.kernels.packing import BOX, CYLINDER
@@ -67,6 +68,7 @@ def turned_to(axis: FloatArray) -> FloatArray:
     return np.column_stack([x, np.cross(z, x), z])
 
 
+@doors
 class Solid:
     """A convex body that does not move."""
 
@@ -106,6 +108,7 @@ class Solid:
         return found
 
 
+@doors
 @dataclass(frozen=True)
 class Box(Solid):
     """A box.
@@ -204,6 +207,7 @@ class _Round(Solid):
         return turned_to(b - a).T if self.length > 0 else np.eye(3)
 
 
+@doors
 @dataclass(frozen=True)
 class Capsule(_Round):
     """All that is within a radius of a segment: a sphere, where the segment is a point."""
@@ -252,6 +256,7 @@ class Capsule(_Round):
         return math.pi * r * r * (length + 4.0 * r / 3.0), 2.0 * math.pi * r * (length + 2.0 * r)
 
 
+@doors
 @dataclass(frozen=True)
 class Cylinder(_Round):
     """A cylinder with flat ends."""
@@ -312,6 +317,7 @@ def _shadow(ends: tuple[FloatArray, FloatArray], radius: float) -> shapely.Polyg
     return line.buffer(radius, quad_segs=_CORNERS // 4)
 
 
+@doors
 @dataclass(frozen=True, init=False)
 class SpatialEnvironment(Environment):
     """An environment in space: a room not to leave, solids not to touch.

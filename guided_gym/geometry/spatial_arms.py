@@ -15,6 +15,7 @@ import numpy.typing as npt
 import shapely
 
 from guided_gym.checks import flag, instance, integer, number
+from guided_gym.doors import doors
 from guided_gym.errors import InvalidInputError
 from guided_gym.geometry.environment import Environment
 from guided_gym.geometry.linkages import LARGEST_LIMIT
@@ -38,6 +39,7 @@ _READER: Final = "guided_gym.geometry.urdf"
 _NO_TURN: Final[Matrix] = ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0))
 
 
+@doors
 @dataclass(frozen=True)
 class SpatialJoint:
     """A joint of a chain, and the frame that moves with it.
@@ -91,6 +93,7 @@ class SpatialJoint:
         return low, high
 
 
+@doors
 @dataclass(frozen=True)
 class SpatialBody:
     """A body that moves with a joint.
@@ -144,6 +147,7 @@ class _Chain:
         self.shifts = np.array([own[joint.name][2] for joint in joints])
 
 
+@doors
 @dataclass(frozen=True)
 class SpatialArm(Mechanism):
     """An arm in space: joints in a row, on a base that stays, and capsules on them.

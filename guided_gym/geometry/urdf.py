@@ -16,6 +16,7 @@ import numpy as np
 import numpy.typing as npt
 
 from guided_gym.checks import integer, number, shown
+from guided_gym.doors import door
 from guided_gym.errors import GuidedGymError, InvalidInputError, warn
 from guided_gym.geometry.fitting import box_corners, capsule_around, capsule_of_cylinder, capsules_around
 from guided_gym.geometry.solids import Capsule, SpatialEnvironment, rotation, triple
@@ -41,6 +42,7 @@ class _Place(NamedTuple):
         return _Place(self.joint, self.turned @ turned, self.turned @ offset + self.offset)
 
 
+@door
 def read_arm(
     path: str | Path,
     tip: str | None = None,

@@ -8,7 +8,7 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from guided_gym.checks import integer, shown
+from guided_gym.checks import integer, number, shown
 from guided_gym.doors import door, doors
 from guided_gym.errors import InvalidInputError
 from guided_gym.kernels.softmin import choice_efficiency as softmin_choice
@@ -63,8 +63,7 @@ def target(
         raise InvalidInputError(
             f"expected delta and tau over the same nodes, got shapes {delta.shape} and {tau.shape}"
         )
-    if not (np.isfinite(scale) and scale >= 0):
-        raise InvalidInputError(f"scale: expected a finite length >= 0, got {shown(scale)}")
+    scale = number("scale", scale, least=0, what="length")
     if parameters.normalisation == "tree":
         energy = _over_largest(delta) / parameters.delta + _over_largest(tau) / parameters.tau
     else:

@@ -23,7 +23,7 @@ PARTS = (references.motions, references.numbers, references.distances, reference
 
 @pytest.mark.parametrize("part", PARTS, ids=lambda part: part.__name__)
 def test_a_tenth_of_the_campaign_finds_nothing(part, record_property):
-    seed = int(np.random.SeedSequence().generate_state(1)[0])
+    seed = 1  # the campaign itself draws others, each night
     record_property("seed", seed)
     tallies = part(seed, 0.1)
     assert all(tally.tried for tally in tallies)
@@ -32,7 +32,7 @@ def test_a_tenth_of_the_campaign_finds_nothing(part, record_property):
 
 def test_calls_raise_no_errors_but_ours():
     """A fortieth of the calls: each public function and method once or twice."""
-    seed = int(np.random.SeedSequence().generate_state(1)[0])
+    seed = 1
     tally = api.fuzz(seed, 0.025)[0]
     assert tally.tried > 100
     assert not tally.failures, f"seed {seed}"

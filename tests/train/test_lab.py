@@ -181,7 +181,7 @@ def test_save__an_unfinished_problem_is_not_lost(served: tuple[int, Any, Path]) 
         ("a.toml", "no toml at all", "expected TOML"),
         ("a.json", '{"format": "other"}', "expected 'guided-gym problem 1'"),
         ("a.json", "[" * 100_000, "nested"),
-        ("a.toml", 'format = "guided-gym problem 1"', "expected bounds or a map"),
+        ("a.toml", 'format = "guided-gym problem 1"', "expected bounds, a map or a room"),
         ("a.json", '{"format": "guided-gym problem 1", "bounds": [0, 0, 1, NaN]}', "NaN"),
         ("a.yaml", "image: x", "expected a problem file"),
         ("a.toml", 'format = "guided-gym problem 1"\n[map]\nfile = "../../x.pgm"', "expected a file in"),

@@ -168,14 +168,12 @@ def _raster(space: ConfigurationSpace, cells: int) -> tuple[Any, tuple[float, fl
     frame[fields.ORIGIN_X] = (xmin + xmax - side + cell) / 2
     frame[fields.ORIGIN_Y] = (ymin + ymax - side + cell) / 2
     frame[fields.CELL] = cell
-    point = np.zeros((1, 3))
     edges, bounds = obstacle_edges(environment), np.array(environment.bounds)
-    ground = fields.unseen(edges, bounds, frame, cells, 1, point, 0.0)
+    ground = fields.unseen(edges, bounds, frame, cells, 1, np.zeros((1, 3)), 0.0)  # of a point
     fields.look_everywhere(ground)
-    away = ground.distances
     step = cell / fields.FINE
     low = [float(frame[i]) - cell / 2 + step / 2 for i in (fields.ORIGIN_X, fields.ORIGIN_Y)]
-    return (away * np.float32(cell)).astype(np.float32), (low[0], low[1], step)
+    return (ground.distances * np.float32(cell)).astype(np.float32), (low[0], low[1], step)
 
 
 @lru_cache(maxsize=_ROBOTS)

@@ -57,7 +57,7 @@ class MotionGuidance(ScoredGuidance):
         agent: str | Path | MotionAgent,
         *,
         sees: str = "both",
-        scored: bool = True,
+        scored: bool = False,
         temperature: float = 0.0,
         failure_penalty: float = 0.05,
         vertices: int = 8000,

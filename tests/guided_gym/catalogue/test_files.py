@@ -152,7 +152,7 @@ WRONG = [
     ("start = [1.0, 5.0, 0.0]", "start = [5.0, 5.0, 0.0]", r"line 3: start: .*'column'.* is free"),
     ("goal = [9.0, 5.0, 0.0]", "goal = [9.9, 5.0, 0.0]", r"line 4: goal: .*the bounds.* is free"),
     ("start =", "stat =", r"line 3: stat: unknown field; did you mean 'start'"),
-    ("bounds = [0, 0, 10, 10]\n", "", r"expected bounds or a map"),
+    ("bounds = [0, 0, 10, 10]\n", "", r"expected bounds, a map or a room"),
     ("bounds = [0, 0, 10, 10]", "bounds = [20, 20, 30, 30]", r"line 11: obstacles\[0\].*meets the bounds"),
     (
         "bounds = [0, 0, 10, 10]",

@@ -12,7 +12,7 @@ from typing import ClassVar
 import numpy as np
 import pytest
 
-from guided_gym.errors import InvalidInputError, UnknownNameError
+from guided_gym.errors import InvalidInputError, NoPathError, UnknownNameError
 from guided_gym.geometry.environment import Environment
 from guided_gym.geometry.robots import Robot
 from guided_gym.guidance import registry
@@ -253,9 +253,14 @@ def test_guidance__survives_where_no_path_exists(
     if name == "oracle":
         return  # refuses, and a test of the search says so
     guidance = make(name, walled("rectangle") if name in EXPERIENCED else closed)
-    result = guided_search(closed, guidance, seed=0, max_samples=250, measure=False)
+    try:
+        result = guided_search(closed, guidance, seed=0, max_samples=250, measure=False)
+    except NoPathError as error:  # it has proved so
+        result = error.result
+        assert result is not None
     assert not result.solved
-    assert np.bincount(result.record.selected).max() <= 0.6 * result.samples
+    if result.samples >= 50:
+        assert np.bincount(result.record.selected).max() <= 0.6 * result.samples
 
 
 @pytest.mark.parametrize("name", [name for name in SPACES if name != "hybrid"])
