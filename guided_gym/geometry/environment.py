@@ -13,7 +13,7 @@ import numpy.typing as npt
 import shapely
 from shapely.geometry.base import BaseGeometry
 
-from guided_gym.checks import affordable, integer, shown, vector
+from guided_gym.checks import affordable, integer, number, shown, vector
 from guided_gym.doors import doors
 from guided_gym.errors import InvalidInputError
 from guided_gym.geometry.convex import Pieces, cover_polygons
@@ -157,7 +157,12 @@ class Environment:
         return Environment(self.bounds, tuple(o.envelope for o in self.obstacles))
 
     def shrunk(self, margin: float) -> Environment:
-        """Obstacles that are smaller by a margin all around; those that are too thin are gone."""
+        """Obstacles that are smaller by a margin (length) all around; those that are too thin are gone.
+
+        Raises:
+            InvalidInputError: The margin is no finite number.
+        """
+        margin = number("margin", margin, what="length")
         smaller = (o.buffer(-margin, join_style="mitre") for o in self.obstacles)
         return Environment(self.bounds, tuple(o for o in smaller if not o.is_empty))
 
