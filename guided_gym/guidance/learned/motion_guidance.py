@@ -62,7 +62,7 @@ class MotionGuidance(ScoredGuidance):
         failure_penalty: float = 0.05,
         vertices: int = 8000,
         neighbours: int = 12,
-        anchors: int = 8,
+        anchors: int = 12,
         effort: float = 1.0,
         candidates: int | None = None,
     ) -> None:
