@@ -55,19 +55,19 @@ class Environment:
     def from_polygons(cls, bounds: Sequence[float], rings: Iterable[Ring]) -> Environment:
         """An environment from the corners (V, 2) of each obstacle, closed or not."""
         polygons = []
-        for number, ring in enumerate(_as_items("rings", rings, "rings of corners")):
+        for place, ring in enumerate(_as_items("rings", rings, "rings of corners")):
             try:
                 corners = np.asarray(ring, dtype=np.float64)
             except (TypeError, ValueError) as error:
                 raise InvalidInputError(
-                    f"obstacle {number}: corners must be numbers of shape (V, 2): {error}"
+                    f"obstacle {place}: corners must be numbers of shape (V, 2): {error}"
                 ) from None
             if corners.ndim != 2 or corners.shape[1] != 2 or len(corners) < 3:
                 raise InvalidInputError(
-                    f"obstacle {number}: expected corners (V, 2) with V >= 3, got shape {corners.shape}"
+                    f"obstacle {place}: expected corners (V, 2) with V >= 3, got shape {corners.shape}"
                 )
             if not np.isfinite(corners).all():  # shapely would warn first
-                raise InvalidInputError(f"obstacle {number}: expected finite corners, got NaN or infinity")
+                raise InvalidInputError(f"obstacle {place}: expected finite corners, got NaN or infinity")
             polygons.append(shapely.Polygon(corners))
         return cls(_checked_bounds(bounds), tuple(polygons))
 
