@@ -210,12 +210,8 @@ class _Run:
         return {**named, **{f"scorer.{name}": t for name, t in scorer.items()}}
 
     def _load(self, tensors: Tensors) -> None:
-        parts: dict[str, Tensors] = {"field": {}, "scorer": {}}
-        for name, tensor in tensors.items():
-            part, _, rest = name.partition(".")
-            parts[part][rest] = tensor
-        networks.load_field(self.encoder, self.decoder, parts["field"])
-        networks.load_scorer(self.scorer, parts["scorer"])
+        networks.load_field(self.encoder, self.decoder, weights.part_of(tensors, "field"))
+        networks.load_scorer(self.scorer, weights.part_of(tensors, "scorer"))
 
     def _restore(self) -> None:
         """Continue from the last checkpoint, if there is one."""
@@ -223,12 +219,8 @@ class _Run:
         if loaded is None:
             return
         self.state, tensors = loaded
-        groups: dict[str, Tensors] = {"now": {}, "best": {}, "adam": {}}
-        for name, tensor in tensors.items():
-            group, _, rest = name.partition("/")
-            groups[group][rest] = tensor
-        self._load(groups["now"])
-        self.best, self.moments = groups["best"], groups["adam"]
+        self._load(weights.part_of(tensors, "now", "/"))
+        self.best, self.moments = (weights.part_of(tensors, group, "/") for group in ("best", "adam"))
 
     def _save(self, optimizer: torch.optim.Optimizer | None = None) -> None:
         self.moments = moments_of(optimizer) if optimizer is not None else {}

@@ -26,6 +26,7 @@ from guided_gym.checks import count, integer, number
 from guided_gym.compute.workers import MapTasks, Workers, in_order, worker_pool
 from guided_gym.errors import InvalidInputError
 from guided_gym.geometry.space import ConfigurationSpace
+from guided_gym.guidance.learned import weights
 from guided_gym.guidance.learned.belief import BeliefArchitecture, BeliefModel, scene_of
 from guided_gym.guidance.learned.estimate import (
     EstimateArchitecture,
@@ -210,9 +211,8 @@ class _Run:
         loaded = self.folder.load()
         if loaded is not None:
             self.state, tensors = loaded
-            now = {n.removeprefix("now/"): t for n, t in tensors.items() if n.startswith("now/")}
-            self.best = {n.removeprefix("best/"): t for n, t in tensors.items() if n.startswith("best/")}
-            self._load(now)
+            self.best = weights.part_of(tensors, "best", "/")
+            self._load(weights.part_of(tensors, "now", "/"))
 
     def _tensors(self) -> Tensors:
         parts = {
@@ -223,13 +223,9 @@ class _Run:
         return {f"{part}.{name}": t for part, some in parts.items() for name, t in some.items()}
 
     def _load(self, tensors: Tensors) -> None:
-        parts: dict[str, Tensors] = {"belief": {}, "estimate": {}, "scorer": {}}
-        for name, tensor in tensors.items():
-            part, _, rest = name.partition(".")
-            parts[part][rest] = tensor
-        self.belief.load(_BELIEF_NAMES, parts["belief"])
-        self.estimate.load(_ESTIMATE_NAMES, parts["estimate"])
-        networks.load_scorer(self.scorer, parts["scorer"])
+        self.belief.load(_BELIEF_NAMES, weights.part_of(tensors, "belief"))
+        self.estimate.load(_ESTIMATE_NAMES, weights.part_of(tensors, "estimate"))
+        networks.load_scorer(self.scorer, weights.part_of(tensors, "scorer"))
 
     def all_stages(self) -> dict[str, Any]:
         """What is left of the run."""

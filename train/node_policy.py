@@ -223,10 +223,7 @@ class _ScorerTrainee(Trainee):
             agent = LearnedAgent.load(folder)  # checks what it reads
             self.field, self.scorer = agent.field.architecture, agent.scorer.architecture
             _, tensors = weights.load_agent(folder)
-            self.parts = {"field": {}, "scorer": {}}
-            for name, tensor in tensors.items():
-                part, _, rest = name.partition(".")
-                self.parts[part][rest] = tensor
+            self.parts = {part: weights.part_of(tensors, part) for part in ("field", "scorer")}
 
     def _agent(self, scorer: Tensors) -> LearnedAgent:
         return LearnedAgent({}, FieldModel(self.field, self.parts["field"]), ScorerModel(self.scorer, scorer))

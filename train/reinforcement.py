@@ -28,6 +28,7 @@ from guided_gym.checks import count, integer, number
 from guided_gym.compute.workers import MapTasks, Workers, in_order, worker_pool
 from guided_gym.errors import InvalidInputError
 from guided_gym.guidance.base import GuidingSpace
+from guided_gym.guidance.learned import weights
 from guided_gym.options import checked_samples
 from guided_gym.train.checkpoints import RunFolder, check_board
 from guided_gym.train.imitation import checked_device, moments_of, put_moments
@@ -231,14 +232,10 @@ class _Run:
         loaded = self.folder.load()
         if loaded is not None:
             self.state, tensors = loaded
-            groups: dict[str, Tensors] = {"now": {}, "best": {}, "adam": {}}
-            for name, tensor in tensors.items():
-                group, _, rest = name.partition("/")
-                groups[group][rest] = tensor
-            now = {name: torch.from_numpy(t) for name, t in groups["now"].items()}
-            self.model.policy.load_state_dict(now)
-            put_moments(self.model.policy.optimizer, groups["adam"])
-            self.best = groups["best"]
+            now = weights.part_of(tensors, "now", "/")
+            self.model.policy.load_state_dict({name: torch.from_numpy(t) for name, t in now.items()})
+            put_moments(self.model.policy.optimizer, weights.part_of(tensors, "adam", "/"))
+            self.best = weights.part_of(tensors, "best", "/")
             self.model.num_timesteps = self.state["steps"]
         # Seeds of problems: another stretch of the training problems after each interruption.
         seed = int(np.random.SeedSequence([self.config.seed, self.state["steps"]]).generate_state(1)[0])

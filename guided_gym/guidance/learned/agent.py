@@ -67,10 +67,8 @@ class LearnedAgent:
         card, tensors = weights.load_agent(Path(folder))
         field = FieldArchitecture.from_card(card["field"])
         scorer = ScorerArchitecture.from_card(card["scorer"])
-        expected = {f"field.{name}": shape for name, shape in field.shapes().items()}
-        expected.update({f"scorer.{name}": shape for name, shape in scorer.shapes().items()})
-        weights.check_tensors(tensors, expected, Path(folder) / weights.WEIGHTS_FILE)
-        parts = {part: weights.part_of(tensors, part) for part in ("field", "scorer")}
+        shapes = {"field": field.shapes(), "scorer": scorer.shapes()}
+        parts = weights.parts_of(tensors, shapes, Path(folder) / weights.WEIGHTS_FILE)
         return cls(card, FieldModel(field, parts["field"]), ScorerModel(scorer, parts["scorer"]))
 
 

@@ -17,11 +17,12 @@ import shapely
 from numpy.typing import NDArray
 
 from guided_gym.checks import integer, number
-from guided_gym.errors import InvalidInputError, StorageError
+from guided_gym.errors import InvalidInputError
 from guided_gym.geometry.linkages import Linkage
 from guided_gym.geometry.mechanism import Mechanism
 from guided_gym.geometry.robots import Robot
 from guided_gym.geometry.space import ConfigurationSpace
+from guided_gym.guidance.learned import weights
 from guided_gym.guidance.learned.weights import Tensors
 from guided_gym.guidance.solvers.wave import obstacle_edges
 from guided_gym.kernels import belief, fields
@@ -75,12 +76,7 @@ class BeliefArchitecture:
         Raises:
             StorageError: The entry is not one that this version can build.
         """
-        try:
-            return cls(**entry)
-        except (TypeError, ValueError) as error:
-            raise StorageError(
-                f"card: expected the sizes of a belief network, got {entry!r}: {error}"
-            ) from None
+        return weights.architecture(cls, entry, "belief network")
 
 
 class BeliefModel:

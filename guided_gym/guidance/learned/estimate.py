@@ -12,8 +12,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from guided_gym.checks import integer
-from guided_gym.errors import StorageError
 from guided_gym.geometry.space import ConfigurationSpace
+from guided_gym.guidance.learned import weights
 from guided_gym.guidance.learned.belief import BeliefArchitecture, scene_of
 from guided_gym.guidance.learned.weights import Tensors
 from guided_gym.kernels.belief import Scene, rooms_along
@@ -60,12 +60,7 @@ class EstimateArchitecture:
         Raises:
             StorageError: The entry is not one that this version can build.
         """
-        try:
-            return cls(**entry)
-        except (TypeError, ValueError) as error:
-            raise StorageError(
-                f"card: expected the sizes of a cost-to-go network, got {entry!r}: {error}"
-            ) from None
+        return weights.architecture(cls, entry, "cost-to-go network")
 
 
 def columns_of(space: ConfigurationSpace, scene: Scene, states: Floats, goal: Floats) -> Field:

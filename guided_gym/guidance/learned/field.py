@@ -15,8 +15,8 @@ from typing import Any, Final
 import numpy as np
 from numpy.typing import NDArray
 
-from guided_gym.checks import shown
-from guided_gym.errors import InvalidInputError, StorageError
+from guided_gym.errors import InvalidInputError
+from guided_gym.guidance.learned import weights
 from guided_gym.guidance.solvers.wave import Arrivals, Field, FloatArray, PoseGrid, WaveModel
 from guided_gym.kernels import fields, marching
 from guided_gym.kernels.fields import CLIP, LEAST
@@ -93,12 +93,7 @@ class FieldArchitecture:
         Raises:
             StorageError: The entry is not one that this version can build.
         """
-        try:
-            return cls(**entry)
-        except (TypeError, ValueError) as error:
-            raise StorageError(
-                f"card: expected the sizes of a field network, got {shown(entry)}: {error}"
-            ) from None
+        return weights.architecture(cls, entry, "field network")
 
 
 def plain_tensors(architecture: FieldArchitecture) -> dict[str, Field]:

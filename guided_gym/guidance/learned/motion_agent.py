@@ -46,9 +46,7 @@ class MotionAgent:
         estimate = EstimateArchitecture.from_card(card["estimate"])
         scorer = ScorerArchitecture.from_card(card["scorer"])
         shapes = {"belief": belief.shapes(), "estimate": estimate.shapes(), "scorer": scorer.shapes()}
-        expected = {f"{part}.{name}": size for part in PARTS for name, size in shapes[part].items()}
-        weights.check_tensors(tensors, expected, Path(folder) / weights.WEIGHTS_FILE)
-        named = {part: weights.part_of(tensors, part) for part in PARTS}
+        named = weights.parts_of(tensors, shapes, Path(folder) / weights.WEIGHTS_FILE)
         return cls(
             card,
             BeliefModel(belief, named["belief"]),

@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 
 from guided_gym.checks import shown
 from guided_gym.errors import InvalidInputError, StorageError
+from guided_gym.guidance.learned import weights
 
 
 class ScorerColumn(IntEnum):
@@ -79,12 +80,7 @@ class ScorerArchitecture:
         Raises:
             StorageError: The entry is not one that this version can build, or has other columns.
         """
-        try:
-            built = cls(**entry)
-        except (TypeError, ValueError) as error:
-            raise StorageError(
-                f"card: expected the sizes of a node scorer, got {shown(entry)}: {error}"
-            ) from None
+        built = weights.architecture(cls, entry, "node scorer")
         if built.columns != COLUMN_NAMES:
             raise StorageError(
                 f"card: expected weights for the node columns {', '.join(COLUMN_NAMES)}; got weights for "

@@ -11,15 +11,19 @@ import json
 import math
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import Any, Final
+from typing import Any, Final, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
 
+from guided_gym.checks import shown
 from guided_gym.errors import InvalidInputError, StorageError
 from guided_gym.storage.whole_file import write_whole
 
+A = TypeVar("A")
+
 Tensors = dict[str, NDArray[Any]]
+Shapes = Mapping[str, tuple[int, ...]]
 
 CARD_FILE: Final = "card.json"
 WEIGHTS_FILE: Final = "weights.safetensors"
@@ -206,12 +210,41 @@ def load_agent(
     return card, tensors
 
 
-def part_of(tensors: Tensors, part: str) -> Tensors:
-    """The tensors of one part of an agent, without its name and the dot."""
-    return {name.partition(".")[2]: t for name, t in tensors.items() if name.startswith(f"{part}.")}
+def part_of(tensors: Tensors, part: str, mark: str = ".") -> Tensors:
+    """The tensors of one part, of an agent or a checkpoint, without its name and the mark behind it."""
+    prefix = f"{part}{mark}"
+    return {name.removeprefix(prefix): t for name, t in tensors.items() if name.startswith(prefix)}
 
 
-def check_tensors(tensors: Tensors, expected: Mapping[str, tuple[int, ...]], where: str | Path) -> None:
+def parts_of(tensors: Tensors, shapes: Mapping[str, Shapes], where: str | Path) -> dict[str, Tensors]:
+    """The tensors of each part of an agent, if they fit the shapes of its networks.
+
+    Raises:
+        StorageError: As `check_tensors`.
+    """
+    expected = {f"{part}.{name}": shape for part, some in shapes.items() for name, shape in some.items()}
+    check_tensors(tensors, expected, where)
+    return {part: part_of(tensors, part) for part in shapes}
+
+
+def architecture(kind: type[A], entry: Any, what: str) -> A:
+    """The sizes of a network, from the entry of a card.
+
+    Args:
+        kind: The dataclass of such sizes.
+        entry: What the card says.
+        what: What the network is, for the message.
+
+    Raises:
+        StorageError: The entry is not one that this version can build.
+    """
+    try:
+        return kind(**entry)
+    except (TypeError, ValueError) as error:
+        raise StorageError(f"card: expected the sizes of a {what}, got {shown(entry)}: {error}") from None
+
+
+def check_tensors(tensors: Tensors, expected: Shapes, where: str | Path) -> None:
     """Refuse tensors that do not fit the architecture.
 
     Raises:
