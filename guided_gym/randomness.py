@@ -12,6 +12,11 @@ from guided_gym.checks import integer
 from guided_gym.doors import door
 
 
+def seed_of(*numbers: int) -> int:
+    """One seed of several numbers."""
+    return int(np.random.SeedSequence(numbers).generate_state(1)[0])
+
+
 @door
 def streams(seed: int | None) -> tuple[np.random.Generator, np.random.Generator, np.random.Generator]:
     """Generators for the problem, the expansion and the guiding space, spawned from one seed.

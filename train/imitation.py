@@ -33,7 +33,7 @@ from guided_gym.guidance.solvers.wave import CostField, check_grid
 from guided_gym.kernels import fields
 from guided_gym.measure.target import Measure
 from guided_gym.options import checked_samples
-from guided_gym.randomness import streams
+from guided_gym.randomness import seed_of, streams
 from guided_gym.search.search import Expansion, Search
 from guided_gym.train import networks
 from guided_gym.train.checkpoints import RunFolder, check_board
@@ -263,7 +263,7 @@ class _Run:
             split=split,
             count=count,
             poses=self.config.poses,
-            seed=_mixed(self.config.seed, _DATA_SEED),
+            seed=seed_of(self.config.seed, _DATA_SEED),
             progress=lambda n: self.progress(begun + n, self.total, f"Imitation: {split} lessons"),
         )
         self.done = begun + count
@@ -290,10 +290,7 @@ class _Run:
             loss = functional.binary_cross_entropy_with_logits(
                 self.encoder(x[rows].to(self.device)), y[rows].to(self.device)
             )
-            optimizer.zero_grad()
-            loss.backward()  # type: ignore[no-untyped-call]
-            optimizer.step()
-            schedule.step()
+            networks.descend(loss, optimizer, schedule)
         with torch.no_grad():
             right = ((self.encoder(x.to(self.device)) > 0).cpu() == (y > 0.5)).float().mean()
         self.state["encoder"] = 1
@@ -319,10 +316,7 @@ class _Run:
                 for group in optimizer.param_groups:
                     group["lr"] = config.learning_rate * 0.5 * (1 + math.cos(math.pi * at))
                 loss = self._decoder_loss([examples[i] for i in rows], rng)
-                optimizer.zero_grad()
-                loss.backward()  # type: ignore[no-untyped-call]
-                optimizer.step()
-                losses.append(float(loss.detach()))
+                losses.append(networks.descend(loss, optimizer))
             self.state["epochs"] = epoch + 1
             with torch.no_grad():
                 error = float(np.mean([self._error(example) for example in held_out]))
@@ -356,17 +350,12 @@ class _Run:
             self.folder.keep(name, {"round": number}, joined_trees(self._searched_trees(number)))
         trees = [tree for i in range(number + 1) for tree in _trees(self.folder.path, i)]
         rng = _generator(config.seed, _SCORER_SEED, number)
-        optimizer = torch.optim.AdamW(self.scorer.parameters(), config.learning_rate, weight_decay=1e-4)
-        schedule = torch.optim.lr_scheduler.CosineAnnealingLR(optimizer, max(config.scorer_steps, 1))
+        optimizer, schedule = networks.adam(self.scorer, config.learning_rate, config.scorer_steps)
         losses = []
         for _ in range(config.scorer_steps if trees else 0):
             batch = [trees[i] for i in rng.integers(len(trees), size=_TREES_A_BATCH)]
             loss = tree_loss(self.scorer, batch, config.divergence, self.device)
-            optimizer.zero_grad()
-            loss.backward()  # type: ignore[no-untyped-call]
-            optimizer.step()
-            schedule.step()
-            losses.append(float(loss.detach()))
+            losses.append(networks.descend(loss, optimizer, schedule))
         self.state["rounds"] = number + 1
         late = float(np.mean(losses[-50:])) if losses else 0.0
         self._note("scorer", round=number + 1, loss=late, trees=len(trees))
@@ -382,7 +371,7 @@ class _Run:
             index = (number * config.searches + i) % config.problems
             problem = mixed_problem(self.distributions, "train", index)
             guidance = LearnedGuidance(agent, temperature=float(i % 2))
-            _, expansion, choice = streams(_mixed(config.seed, _SCORER_SEED, number, i))
+            _, expansion, choice = streams(seed_of(config.seed, _SCORER_SEED, number, i))
             search = Search(problem, expansion, choice)
             search.attach(guidance)
             lessons = TreeLessons(guidance, search)
@@ -507,13 +496,8 @@ class TreeLessons:
         """No planner is watched here."""
 
 
-def _mixed(*numbers: int) -> int:
-    """One seed of several numbers."""
-    return int(np.random.SeedSequence(numbers).generate_state(1)[0])
-
-
 def _generator(*numbers: int) -> np.random.Generator:
-    return np.random.default_rng(_mixed(*numbers))
+    return np.random.default_rng(seed_of(*numbers))
 
 
 def _random_decoder(decoder: networks.Decoder) -> Tensors:

@@ -11,14 +11,12 @@ import math
 from collections.abc import Callable
 from dataclasses import asdict, dataclass
 from functools import partial
-from itertools import pairwise
 from pathlib import Path
 from typing import Any, Final
 
 import numpy as np
 import torch
 from numpy.typing import NDArray
-from torch import Tensor, nn
 from torch.nn import functional
 
 from guided_gym.catalogue.table import make_distribution
@@ -41,7 +39,7 @@ from guided_gym.kernels.belief import COLUMNS, motion_columns
 from guided_gym.measure.roadmap import world_of
 from guided_gym.options import checked_samples
 from guided_gym.problems import Problem
-from guided_gym.randomness import streams
+from guided_gym.randomness import seed_of, streams
 from guided_gym.search.search import Search
 from guided_gym.search.tree import SearchTree
 from guided_gym.structures.shortest_paths import ShortestPathTree
@@ -155,35 +153,6 @@ def train_motions(
         return run.all_stages()
 
 
-class _Layers(nn.Module):
-    """Linear layers with the positive part between them."""
-
-    def __init__(self, *sizes: int) -> None:
-        super().__init__()
-        self.layers = nn.ModuleList([nn.Linear(a, b) for a, b in pairwise(sizes)])
-
-    def forward(self, x: Tensor) -> Tensor:
-        for layer in self.layers[:-1]:
-            x = torch.relu(layer(x))
-        out: Tensor = self.layers[-1](x)
-        return out[:, 0]
-
-    def tensors(self, names: tuple[str, ...]) -> Tensors:
-        """Its weights and biases, under these names."""
-        found: Tensors = {}
-        for name, layer in zip(names, self.layers, strict=True):
-            found[f"{name}.weight"] = layer.weight.detach().numpy().copy()  # type: ignore[operator, union-attr]
-            found[f"{name}.bias"] = layer.bias.detach().numpy().copy()  # type: ignore[operator, union-attr]
-        return found
-
-    def load(self, names: tuple[str, ...], tensors: Tensors) -> None:
-        """Take in what `tensors` gave."""
-        with torch.no_grad():
-            for name, layer in zip(names, self.layers, strict=True):
-                layer.weight.copy_(torch.from_numpy(tensors[f"{name}.weight"]))  # type: ignore[operator, union-attr]
-                layer.bias.copy_(torch.from_numpy(tensors[f"{name}.bias"]))  # type: ignore[operator, union-attr]
-
-
 _BELIEF_NAMES: Final = ("first", "last")
 _ESTIMATE_NAMES: Final = ("0", "1", "2")
 
@@ -201,9 +170,9 @@ class _Run:
         robot = mixed_problem(self.distributions, "train", 0).space
         self.robot = robot.robot.name
         self.columns = column_count(robot)
-        self.belief = _Layers(COLUMNS, config.hidden, 1)
+        self.belief = networks.Layers(COLUMNS, config.hidden, 1)
         hidden = config.estimate_hidden
-        self.estimate = _Layers(self.columns, hidden, hidden, 1)
+        self.estimate = networks.Layers(self.columns, hidden, hidden, 1)
         self.scorer_architecture = ScorerArchitecture(hidden=config.scorer_hidden)
         self.scorer = networks.NodeScorer(self.scorer_architecture)
         self.state: dict[str, Any] = {"stage": 0, "history": [], "best": None}
@@ -240,7 +209,7 @@ class _Run:
         for place, (stage, what) in enumerate(stages):
             self.progress(self.done, self.total, f"Motions: {what}")
             if self.state["stage"] <= place:
-                torch.manual_seed(_mixed(config.seed, place))
+                torch.manual_seed(seed_of(config.seed, place))
                 stage(lessons)
                 self._consider(what)
                 self.state["stage"] = place + 1
@@ -288,7 +257,7 @@ class _Run:
         rng = np.random.default_rng([config.seed, _BELIEF_SEED])
         with torch.no_grad():
             self.belief.layers[-1].bias.fill_(3.0)  # type: ignore[operator, union-attr]  # most parts are free
-        optimizer, schedule = _adam(self.belief, config.learning_rate, config.belief_steps)
+        optimizer, schedule = networks.adam(self.belief, config.learning_rate, config.belief_steps)
         losses = []
         for _ in range(config.belief_steps):
             first = int(rng.integers(max(1, len(free) - _BATCH)))
@@ -298,7 +267,9 @@ class _Run:
             parts = functional.logsigmoid(self.belief(columns[rows]))
             logs = torch.zeros(len(free[some])).index_add(0, torch.from_numpy(owner), parts)
             blocked = torch.log(-torch.expm1(logs.clamp(max=-_LAST)))
-            losses.append(_stepped(-torch.where(free[some], logs, blocked).mean(), optimizer, schedule))
+            losses.append(
+                networks.descend(-torch.where(free[some], logs, blocked).mean(), optimizer, schedule)
+            )
         self._note("belief", loss=_late(losses))
 
     def _train_estimate(self, lessons: Tensors) -> None:
@@ -306,13 +277,13 @@ class _Run:
         config = self.config
         seen, excess = (torch.from_numpy(lessons[name]) for name in ("seen", "excess"))
         rng = np.random.default_rng([config.seed, _ESTIMATE_SEED])
-        optimizer, schedule = _adam(self.estimate, config.learning_rate / 3, config.estimate_steps)
+        optimizer, schedule = networks.adam(self.estimate, config.learning_rate / 3, config.estimate_steps)
         losses = []
         for _ in range(config.estimate_steps):
             rows = torch.from_numpy(rng.integers(len(seen), size=_BATCH))
             out = functional.softplus(self.estimate(seen[rows]))
             error = torch.log1p(out) - torch.log1p(excess[rows])
-            losses.append(_stepped((error * error).mean(), optimizer, schedule))
+            losses.append(networks.descend((error * error).mean(), optimizer, schedule))
         self._note("estimate", loss=_late(losses))
 
     def _train_scorer(self, lessons: Tensors) -> None:
@@ -324,11 +295,11 @@ class _Run:
         files = (self.folder.path / f"data/trees-{i:03d}.safetensors" for i in range(number + 1))
         trees = [tree for file in files for tree in split_trees(RunFolder.read(file)[1])]
         rng = np.random.default_rng([config.seed, _SCORER_SEED, number])
-        optimizer, schedule = _adam(self.scorer, config.learning_rate / 5, config.scorer_steps)
+        optimizer, schedule = networks.adam(self.scorer, config.learning_rate / 5, config.scorer_steps)
         losses = []
         for _ in range(config.scorer_steps if trees else 0):
             batch = [trees[i] for i in rng.integers(len(trees), size=32)]
-            losses.append(_stepped(tree_loss(self.scorer, batch), optimizer, schedule))
+            losses.append(networks.descend(tree_loss(self.scorer, batch), optimizer, schedule))
         self._note("scorer", loss=_late(losses), trees=len(trees))
 
     def _searched(self, number: int) -> list[tuple[NDArray[np.float32], NDArray[np.float32]]]:
@@ -339,7 +310,7 @@ class _Run:
             index = (number * config.searches + i) % config.problems
             problem = mixed_problem(self.distributions, "train", index)
             guidance = MotionGuidance(agent, temperature=float(i % 2))
-            _, expansion, choice = streams(_mixed(config.seed, _SCORER_SEED, number, i))
+            _, expansion, choice = streams(seed_of(config.seed, _SCORER_SEED, number, i))
             search = Search(problem, expansion, choice)
             search.attach(guidance)
             seen = TreeLessons(guidance, search)
@@ -447,22 +418,5 @@ def _uniform(search: Search, tree: SearchTree, node: int) -> NDArray[np.float64]
     return search.planner.uniform(tree.configurations[node])
 
 
-def _adam(module: nn.Module, rate: float, steps: int) -> tuple[torch.optim.Optimizer, Any]:
-    optimizer = torch.optim.AdamW(module.parameters(), rate, weight_decay=1e-4)
-    return optimizer, torch.optim.lr_scheduler.CosineAnnealingLR(optimizer, max(steps, 1))
-
-
-def _stepped(loss: Tensor, optimizer: torch.optim.Optimizer, schedule: Any) -> float:
-    optimizer.zero_grad()
-    loss.backward()  # type: ignore[no-untyped-call]
-    optimizer.step()
-    schedule.step()
-    return float(loss.detach())
-
-
 def _late(losses: list[float]) -> float:
     return float(np.mean(losses[-50:])) if losses else math.nan
-
-
-def _mixed(*numbers: int) -> int:
-    return int(np.random.SeedSequence(numbers).generate_state(1)[0])

@@ -5,6 +5,7 @@ Import this module on demand only: torch comes with the extra ``[train]``.
 
 from __future__ import annotations
 
+from itertools import pairwise
 from typing import Any
 
 import numpy as np
@@ -17,19 +18,41 @@ from guided_gym.guidance.learned.field import LAYERS, ROOM_COLUMNS, FieldArchite
 from guided_gym.guidance.learned.scorer import ScorerArchitecture, plain_tensors
 
 
-class Encoder(nn.Module):
+class Layers(nn.Module):
+    """Linear layers of these sizes with the positive part between them: (..., first) to (...)."""
+
+    def __init__(self, *sizes: int) -> None:
+        super().__init__()
+        self.layers = nn.ModuleList([nn.Linear(a, b) for a, b in pairwise(sizes)])
+
+    def forward(self, x: Tensor) -> Tensor:
+        """The one number of each row."""
+        for layer in self.layers[:-1]:
+            x = torch.relu(layer(x))
+        out: Tensor = self.layers[-1](x)
+        return out[..., 0]
+
+    def tensors(self, names: tuple[str, ...]) -> dict[str, NDArray[Any]]:
+        """Its weights and biases, under these names."""
+        found: dict[str, NDArray[Any]] = {}
+        for name, layer in zip(names, self.layers, strict=True):
+            found[f"{name}.weight"] = layer.weight.detach().numpy().copy()  # type: ignore[operator, union-attr]
+            found[f"{name}.bias"] = layer.bias.detach().numpy().copy()  # type: ignore[operator, union-attr]
+        return found
+
+    def load(self, names: tuple[str, ...], tensors: dict[str, NDArray[Any]]) -> None:
+        """Take in what `tensors` gave."""
+        with torch.no_grad():
+            for name, layer in zip(names, self.layers, strict=True):
+                layer.weight.copy_(torch.from_numpy(tensors[f"{name}.weight"]))  # type: ignore[operator, union-attr]
+                layer.bias.copy_(torch.from_numpy(tensors[f"{name}.bias"]))  # type: ignore[operator, union-attr]
+
+
+class Encoder(Layers):
     """How free each pose seems: (..., columns) to (...) logits; columns as in `ROOM_COLUMNS`."""
 
     def __init__(self, architecture: FieldArchitecture) -> None:
-        super().__init__()
-        self.layers = nn.ModuleList(
-            [nn.Linear(len(ROOM_COLUMNS), architecture.hidden), nn.Linear(architecture.hidden, 1)]
-        )
-
-    def forward(self, columns: Tensor) -> Tensor:
-        """Logits of poses being free."""
-        out: Tensor = self.layers[1](torch.relu(self.layers[0](columns)))
-        return out[..., 0]
+        super().__init__(len(ROOM_COLUMNS), architecture.hidden, 1)
 
 
 class Decoder(nn.Module):
@@ -140,3 +163,19 @@ def load_scorer(scorer: NodeScorer, tensors: dict[str, NDArray[Any]]) -> None:
 
 def _numpy(tensor: Tensor) -> NDArray[Any]:
     return tensor.detach().cpu().numpy().astype(np.float32)
+
+
+def adam(module: nn.Module, rate: float, steps: int) -> tuple[torch.optim.Optimizer, Any]:
+    """AdamW, and the schedule by which its rate falls to nothing along a cosine."""
+    optimizer = torch.optim.AdamW(module.parameters(), rate, weight_decay=1e-4)
+    return optimizer, torch.optim.lr_scheduler.CosineAnnealingLR(optimizer, max(steps, 1))
+
+
+def descend(loss: Tensor, optimizer: torch.optim.Optimizer, schedule: Any = None) -> float:
+    """One step down the gradient of a loss; the loss as a number."""
+    optimizer.zero_grad()
+    loss.backward()  # type: ignore[no-untyped-call]
+    optimizer.step()
+    if schedule is not None:
+        schedule.step()
+    return float(loss.detach())

@@ -30,6 +30,7 @@ from guided_gym.errors import InvalidInputError
 from guided_gym.guidance.base import GuidingSpace
 from guided_gym.guidance.learned import weights
 from guided_gym.options import checked_samples
+from guided_gym.randomness import seed_of
 from guided_gym.train.checkpoints import RunFolder, check_board
 from guided_gym.train.imitation import checked_device, moments_of, put_moments
 from guided_gym.train.validation import rank, validated
@@ -238,7 +239,7 @@ class _Run:
             self.best = weights.part_of(tensors, "best", "/")
             self.model.num_timesteps = self.state["steps"]
         # Seeds of problems: another stretch of the training problems after each interruption.
-        seed = int(np.random.SeedSequence([self.config.seed, self.state["steps"]]).generate_state(1)[0])
+        seed = seed_of(self.config.seed, self.state["steps"])
         self.model.set_random_seed(seed % 2**29)
 
     def save(self) -> None:

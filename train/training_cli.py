@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import importlib.util
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping, Sequence
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, TypeVar
 
@@ -15,6 +16,8 @@ from guided_gym.train.terminal import progress_bar
 
 if TYPE_CHECKING:
     from rich.table import Table
+
+    from guided_gym.compute.workers import Executor
 
 C = TypeVar("C")
 
@@ -103,17 +106,11 @@ def imitation(
 ) -> None:
     """Learn a field network from the oracle and a node scorer from its target. Call it again to resume."""
     need("torch")
-    from guided_gym.train.imitation import AGENT_FOLDER, ImitationConfig, train_imitation
-    from guided_gym.train.specs import learned_word
+    from guided_gym.train.imitation import ImitationConfig, train_imitation
 
     executor = executor_of(given)
     settings = settings_of(ImitationConfig, config, {"environments": env, **given})
-    folder = out or Path("runs") / f"imitation-{'+'.join(settings.environments)}"
-    with progress_bar("Imitation", folder) as progress:
-        card = train_imitation(settings, folder, progress, executor)
-    _print_history(card)
-    agent = folder / AGENT_FOLDER
-    print(f"\nAgent in {agent}; try: guided-gym evaluate --guidance {learned_word(agent)} --env ...")
+    _run("imitation", partial(train_imitation, settings), settings.environments, out, executor)
 
 
 _MOTION_OPTIONS: OptionTable = {
@@ -141,15 +138,27 @@ def motions(
 ) -> None:
     """Learn which motions are free, and the cost-to-go, where no grid can go. Call it again to resume."""
     need("torch")
-    from guided_gym.train.imitation import AGENT_FOLDER
     from guided_gym.train.motions import MotionConfig, train_motions
-    from guided_gym.train.specs import learned_word
 
     executor = executor_of(given)
     settings = settings_of(MotionConfig, config, {"environments": env, **given})
-    folder = out or Path("runs") / f"motions-{'+'.join(settings.environments)}"
-    with progress_bar("Motions", folder) as progress:
-        card = train_motions(settings, folder, progress, executor)
+    _run("motions", partial(train_motions, settings), settings.environments, out, executor)
+
+
+def _run(
+    method: str,
+    train: Callable[..., dict[str, Any]],
+    environments: Sequence[str],
+    out: Path | None,
+    executor: Executor,
+) -> None:
+    """Run or continue a training in its folder, and say what came of it."""
+    from guided_gym.train.imitation import AGENT_FOLDER
+    from guided_gym.train.specs import learned_word
+
+    folder = out or Path("runs") / f"{method}-{'+'.join(environments)}"
+    with progress_bar(method.capitalize(), folder) as progress:
+        card = train(folder, progress, executor)
     _print_history(card)
     agent = folder / AGENT_FOLDER
     print(f"\nAgent in {agent}; try: guided-gym evaluate --guidance {learned_word(agent)} --env ...")

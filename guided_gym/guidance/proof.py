@@ -27,7 +27,7 @@ from numpy.typing import NDArray
 from guided_gym.checks import is_affordable
 from guided_gym.geometry.linkages import Linkage
 from guided_gym.geometry.robots import Robot
-from guided_gym.guidance.solvers.wave import body_discs, obstacle_edges
+from guided_gym.guidance.solvers.wave import body_discs, obstacle_edges, square_frame
 from guided_gym.kernels import fields
 
 if TYPE_CHECKING:
@@ -117,13 +117,9 @@ def parted_cells(space: ConfigurationSpace, task: Task) -> str | None:
 def _frame(space: ConfigurationSpace) -> tuple[NDArray[np.float64], float]:
     """Cells around the bounds, wide enough that no robot near them reaches beyond the samples; their side."""
     xmin, ymin, xmax, ymax = space.environment.bounds
-    side = max(xmax - xmin, ymax - ymin) + 4.0 * space.robot.radius
-    cell = side / (_CELLS - 4)
-    frame = np.zeros(fields.FRAME)
-    frame[fields.ORIGIN_X] = (xmin + xmax - (_CELLS - 1) * cell) / 2
-    frame[fields.ORIGIN_Y] = (ymin + ymax - (_CELLS - 1) * cell) / 2
-    frame[fields.CELL] = cell
-    return frame, cell
+    side = (max(xmax - xmin, ymax - ymin) + 4.0 * space.robot.radius) * _CELLS / (_CELLS - 4)
+    frame = square_frame(space.environment.bounds, side, _CELLS)
+    return frame, float(frame[fields.CELL])
 
 
 def _cell_of(q: NDArray[np.float64], frame: NDArray[np.float64], turns: int) -> tuple[int, int, int]:

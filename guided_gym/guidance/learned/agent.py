@@ -21,7 +21,7 @@ from guided_gym.guidance.base import GuidingSpace
 from guided_gym.guidance.learned import field, motion_agent, scored, scorer, weights
 from guided_gym.guidance.learned import rule as rules
 from guided_gym.guidance.learned.field import FieldArchitecture, FieldModel
-from guided_gym.guidance.learned.folders import agent_folder
+from guided_gym.guidance.learned.folders import agent_folder, stamp_of
 from guided_gym.guidance.learned.motion_agent import load_motion_card
 from guided_gym.guidance.learned.motion_guidance import motion_class
 from guided_gym.guidance.learned.scored import ScoredGuidance
@@ -120,11 +120,7 @@ def load_named(name: str) -> LearnedAgent:
         StorageError: Its files cannot be used.
     """
     folder = agent_folder(name).resolve()
-    stamp = []
-    for file in (weights.CARD_FILE, weights.WEIGHTS_FILE):
-        found = (folder / file).stat() if (folder / file).is_file() else None
-        stamp += [found.st_mtime_ns, found.st_size] if found else [0, 0]
-    return _loaded(folder, tuple(stamp))
+    return _loaded(folder, stamp_of(folder))
 
 
 def guidance_class(

@@ -24,7 +24,7 @@ from guided_gym.geometry.robots import Robot
 from guided_gym.geometry.space import ConfigurationSpace
 from guided_gym.guidance.learned import weights
 from guided_gym.guidance.learned.weights import Tensors
-from guided_gym.guidance.solvers.wave import obstacle_edges
+from guided_gym.guidance.solvers.wave import obstacle_edges, square_frame
 from guided_gym.kernels import belief, fields
 
 Floats = NDArray[np.float64]
@@ -158,12 +158,8 @@ def _raster(space: ConfigurationSpace, cells: int) -> tuple[Any, tuple[float, fl
     """Samples of the distance to obstacles and bounds (length), and where they lie."""
     environment = space.environment
     xmin, ymin, xmax, ymax = environment.bounds
-    side = max(xmax - xmin, ymax - ymin)
-    cell = side / cells
-    frame = np.zeros(fields.FRAME)
-    frame[fields.ORIGIN_X] = (xmin + xmax - side + cell) / 2
-    frame[fields.ORIGIN_Y] = (ymin + ymax - side + cell) / 2
-    frame[fields.CELL] = cell
+    frame = square_frame(environment.bounds, max(xmax - xmin, ymax - ymin), cells)
+    cell = float(frame[fields.CELL])
     edges, bounds = obstacle_edges(environment), np.array(environment.bounds)
     ground = fields.unseen(edges, bounds, frame, cells, 1, np.zeros((1, 3)), 0.0)  # of a point
     fields.look_everywhere(ground)

@@ -34,3 +34,12 @@ def agent_folder(name: str) -> Path:
     if not there:
         raise UnknownNameError("learned agent (and no such folder)", name, shipped_agents())
     return folder
+
+
+def stamp_of(folder: Path) -> tuple[int, ...]:
+    """What changes when the files of an agent do: their times and sizes, 0 for one that is not there."""
+    stamp: list[int] = []
+    for file in (weights.CARD_FILE, weights.WEIGHTS_FILE):
+        found = (folder / file).stat() if (folder / file).is_file() else None
+        stamp += [found.st_mtime_ns, found.st_size] if found else [0, 0]
+    return tuple(stamp)

@@ -11,7 +11,7 @@ from guided_gym.geometry.space import ConfigurationSpace
 from guided_gym.guidance.learned import weights
 from guided_gym.guidance.learned.belief import BeliefArchitecture, BeliefModel
 from guided_gym.guidance.learned.estimate import Estimate, EstimateArchitecture, EstimateModel, column_count
-from guided_gym.guidance.learned.folders import agent_folder
+from guided_gym.guidance.learned.folders import agent_folder, stamp_of
 from guided_gym.guidance.learned.scorer import ScorerArchitecture, ScorerModel
 
 MOTION_KIND: Final = "guided-gym motion agent"
@@ -88,20 +88,19 @@ def save_motion_agent(folder: Path, card: dict[str, Any], tensors: weights.Tenso
 
 
 def load_motion_agent(name: str) -> MotionAgent:
-    """A shipped agent or a folder's, kept in memory as long as its card stays the same.
+    """A shipped agent or a folder's, kept in memory as long as its files stay the same.
 
     Raises:
         UnknownNameError: No such agent.
         StorageError: Its files cannot be used, or are those of another kind of agent.
     """
     folder = agent_folder(name).resolve()
-    card = folder / weights.CARD_FILE
     if weights.card_kind(folder) != MOTION_KIND:
+        card = folder / weights.CARD_FILE
         raise StorageError(f"{card}: expected the card of a {MOTION_KIND}, which believes in motions")
-    stat = card.stat()
-    return _loaded(folder, stat.st_mtime_ns, stat.st_size)
+    return _loaded(folder, stamp_of(folder))
 
 
 @lru_cache(maxsize=8)
-def _loaded(folder: Path, changed: int, size: int) -> MotionAgent:
+def _loaded(folder: Path, stamp: tuple[int, ...]) -> MotionAgent:
     return MotionAgent.load(folder)

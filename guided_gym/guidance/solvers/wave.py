@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import math
 from collections import OrderedDict
+from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from functools import lru_cache
 from typing import Any, Final, NamedTuple
@@ -102,6 +103,16 @@ def _headings(robot: Robot, apart: float, most: int) -> int:
     return min(max(needed, _FEW), most)
 
 
+def square_frame(bounds: Sequence[float], side: float, cells: int) -> FloatArray:
+    """The frame of a square of cells around the middle of the bounds; without weight and goal."""
+    xmin, ymin, xmax, ymax = bounds
+    frame, cell = np.zeros(fields.FRAME), side / cells
+    frame[fields.ORIGIN_X] = (xmin + xmax - side + cell) / 2
+    frame[fields.ORIGIN_Y] = (ymin + ymax - side + cell) / 2
+    frame[fields.CELL] = cell
+    return frame
+
+
 def obstacle_edges(environment: Environment) -> FloatArray:
     """(e, 4) edges x0, y0, x1, y1 of the obstacles' union."""
     union = environment.obstacle_union
@@ -149,10 +160,7 @@ class PoseGrid:
         xmin, ymin, xmax, ymax = bounds = space.environment.bounds
         side = max(xmax - xmin, ymax - ymin)
         cell = side / cells
-        frame = np.zeros(fields.FRAME)
-        frame[fields.ORIGIN_X] = (xmin + xmax - side + cell) / 2
-        frame[fields.ORIGIN_Y] = (ymin + ymax - side + cell) / 2
-        frame[fields.CELL] = cell
+        frame = square_frame(bounds, side, cells)
         frame[fields.WEIGHT] = space.weights[2] if space.dimension == 3 else 0.0
         turns, width = 1, _least_width(robot)
         if space.dimension == 3:
