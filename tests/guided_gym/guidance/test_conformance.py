@@ -259,7 +259,7 @@ def test_guidance__survives_where_no_path_exists(
         result = error.result
         assert result is not None
     assert not result.solved
-    if result.samples >= 50:
+    if result.samples:  # some have it proved before they draw one
         assert np.bincount(result.record.selected).max() <= 0.6 * result.samples
 
 
