@@ -5,7 +5,6 @@ from __future__ import annotations
 import contextlib
 import importlib
 import math
-import time
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from functools import partial
@@ -15,6 +14,7 @@ from typing import TYPE_CHECKING, Final
 import numpy as np
 from numpy.typing import NDArray
 
+from guided_gym.compute.warmup import processor_seconds, wall_seconds
 from guided_gym.doors import door
 from guided_gym.errors import InvalidInputError, NoPathError
 from guided_gym.guidance.base import GuidingSpace
@@ -69,10 +69,10 @@ class SearchResult:
         path: (k, d) certified path from start to goal, None if none was found.
         record: One row per sample.
         collision_checks: Motions checked.
-        seconds: Wall time of the search, oracle and metric excluded.
-        preparation: Wall time before it, in which the guiding space built its roadmap, queried its
-            database, or whatever it needs.
-        processor: Processor time of the search, all threads, oracle and metric excluded.
+        seconds: Wall time of the search. Oracle, metric, and the compilation of kernels are excluded.
+        preparation: Wall time before it, counted in the same way, in which the guiding space built its
+            roadmap, queried its database, or whatever it needs.
+        processor: Processor time of the search, all threads, counted in the same way.
         looks: How often the guiding space itself looked at the workspace in that time: configurations and
             motions that it had checked (certified ones count among the collision checks, too) or looked up in
             a raster.
@@ -179,10 +179,10 @@ def guided_search(
     _, expansion_rng, guidance_rng = streams(seed)
     search = Search(problem, expansion_rng, guidance_rng, options)
     metric = Measure(search) if measure else None  # solves the oracle before the clock starts
-    began = time.perf_counter()
+    began = wall_seconds()
     # Distribution and trace are asked for sample by sample, so such a search runs in no bursts.
     run = _prepared(search, guidance, expansion, one_by_one=distributions or trace is not None)
-    preparation = time.perf_counter() - began
+    preparation = wall_seconds() - began
     guide = None if isinstance(guidance, WatchedPlanner) else guidance
     labels = {"guidance": _label(guidance), "expansion": None if expansion is None else _label(expansion)}
     with _traced(trace) as writer:
@@ -190,13 +190,13 @@ def guided_search(
         if writer is not None:
             watched = guidance if isinstance(guidance, WatchedPlanner) else None
             writer.begin(search, guide=guide, planner=watched, measure=metric, seed=seed, labels=labels)
-        began, burnt = time.perf_counter(), time.process_time()
+        began, burnt = wall_seconds(), processor_seconds()
         run(max_samples, watcher=recorder, progress=progress)
-        whole = time.perf_counter() - began
+        whole = wall_seconds() - began
         seconds = whole - recorder.seconds
         # The processor's clock is dear to read at each sample. A busy machine takes as much of the metric as
         # of the search, so that the metric's share of both clocks is the same.
-        processor = (time.process_time() - burnt) * (seconds / whole if whole > 0 else 1.0)
+        processor = (processor_seconds() - burnt) * (seconds / whole if whole > 0 else 1.0)
         if writer is not None:
             writer.end(search.path())
     path, colliding = search.path(), None
@@ -311,7 +311,7 @@ class _Recorder:
 
     def before(self, node: int) -> None:
         """The choice of ``node``, measured on the tree as it stands."""
-        began = time.perf_counter()
+        began = wall_seconds()
         row = [node, NO_NODE, len(self._search.tree), np.nan, np.nan, np.nan, np.nan]
         if self._metric is not None:
             row[3], row[6] = self._metric.choice(node)
@@ -321,20 +321,20 @@ class _Recorder:
         self._rows.append(row)
         if self._trace is not None:
             self._trace.chosen(node)
-        self.seconds += time.perf_counter() - began
+        self.seconds += wall_seconds() - began
 
     def after(self, expansion: Expansion) -> None:
         """What became of it."""
         row = self._rows[-1]
         row[1] = expansion.child
         if self._trace is not None:
-            began = time.perf_counter()
+            began = wall_seconds()
             self._trace.became(expansion, row[3], row[6])
-            self.seconds += time.perf_counter() - began
+            self.seconds += wall_seconds() - began
 
     def take(self, burst: NDArray[np.int32]) -> None:
         """Rows of a burst of samples: what each would have been measured at, in hindsight."""
-        began = time.perf_counter()
+        began = wall_seconds()
         self._close_block()
         grew = burst[:, 1] != NO_NODE
         block = np.full((len(burst), 7), np.nan)
@@ -344,14 +344,14 @@ class _Recorder:
             for row in block:
                 row[3], row[6] = self._metric.choice(int(row[0]), int(row[2]))
         self._blocks.append(block)
-        self.seconds += time.perf_counter() - began
+        self.seconds += wall_seconds() - began
 
     def changed(self) -> None:
         """What the tree has gained without a sample, for the trace."""
         if self._trace is not None:
-            began = time.perf_counter()
+            began = wall_seconds()
             self._trace.gained()
-            self.seconds += time.perf_counter() - began
+            self.seconds += wall_seconds() - began
 
     def _close_block(self) -> None:
         self._blocks.append(np.array(self._rows, np.float64).reshape(-1, 7))

@@ -12,6 +12,8 @@ from typing import Any, Final
 
 from numba.core import caching, config, event
 
+from guided_gym.compute.warmup import kernel_clock
+
 try:
     import fcntl as _fcntl
 except ImportError:  # not on Windows: there, each process compiles for itself
@@ -134,18 +136,21 @@ def share_compilation() -> None:
     load, save = caching.Cache.load_overload, caching.Cache.save_overload
 
     def load_overload(self: Any, signature: Any, target: Any) -> Any:
-        found = load(self, signature, target)  # type: ignore[no-untyped-call]
-        if found is not None or not _ours(getattr(self, "_py_func", None)):
+        if not _ours(getattr(self, "_py_func", None)):
+            return load(self, signature, target)  # type: ignore[no-untyped-call]
+        with kernel_clock:
+            found = load(self, signature, target)  # type: ignore[no-untyped-call]
+            if found is None:
+                lock.miss(str(self.cache_path))
+                found = load(self, signature, target)  # type: ignore[no-untyped-call]
+                if found is not None:
+                    lock.done()
             return found
-        lock.miss(str(self.cache_path))
-        found = load(self, signature, target)  # type: ignore[no-untyped-call]
-        if found is not None:
-            lock.done()
-        return found
 
     def save_overload(self: Any, signature: Any, data: Any) -> None:
         try:
-            save(self, signature, data)  # type: ignore[no-untyped-call]
+            with kernel_clock:
+                save(self, signature, data)  # type: ignore[no-untyped-call]
         finally:
             if _ours(getattr(self, "_py_func", None)):
                 lock.done()

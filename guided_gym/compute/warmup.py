@@ -1,4 +1,8 @@
-"""A word to whoever waits while the kernels compile for the first time on a machine."""
+"""Kernels that compile for the first time on a machine: a word to who waits, and clocks that stand still.
+
+What a search takes is not what the first one in a process took: by `wall_seconds` and `processor_seconds`,
+kernels are compiled, or loaded, in no time.
+"""
 
 from __future__ import annotations
 
@@ -16,34 +20,73 @@ MESSAGE: Final = (
 )
 
 
+class KernelClock:
+    """Adds up what kernels take to be compiled or loaded; what begins within another is counted once.
+
+    Attributes:
+        seconds: Wall time.
+        processor: Processor time.
+    """
+
+    def __init__(self) -> None:
+        self.seconds = self.processor = 0.0
+        self._depth = 0
+        self._began = 0.0, 0.0
+
+    def begin(self) -> None:
+        """From here on."""
+        self._depth += 1
+        if self._depth == 1:
+            self._began = time.perf_counter(), time.process_time()
+
+    def end(self) -> None:
+        """Up to here."""
+        self._depth -= 1
+        if self._depth == 0:
+            self.seconds += time.perf_counter() - self._began[0]
+            self.processor += time.process_time() - self._began[1]
+
+    def __enter__(self) -> None:
+        self.begin()
+
+    def __exit__(self, *error: object) -> None:
+        self.end()
+
+
 class CompilationNotice(event.Listener):
     """Prints `MESSAGE` on stderr, once per process, when our kernels have compiled for `PATIENCE` seconds.
 
     numba starts this event only for a function that is not in its cache, so a warm cache stays silent.
+
+    Attributes:
+        given: Whether it was printed.
+        clock: Counts the time that kernels have taken.
     """
 
     def __init__(self) -> None:
-        self._depth = 0
-        self._spent = 0.0
-        self._began = 0.0
-        self._timer: threading.Timer | None = None
         self.given = False
+        self.clock = KernelClock()
+        self._depth = 0
+        self._spent = self._began = 0.0
+        self._timer: threading.Timer | None = None
 
     def on_start(self, event: Any) -> None:
         """A function starts to compile; those that it calls compile within it."""
-        if self.given or not _ours(event):
+        if not _ours(event):
             return
         self._depth += 1
-        if self._depth == 1:
+        if self._depth == 1 and not self.given:
             self._began = time.monotonic()
             self._timer = threading.Timer(max(0.0, PATIENCE - self._spent), self._give)
             self._timer.daemon = True
             self._timer.start()
+        self.clock.begin()
 
     def on_end(self, event: Any) -> None:
         """A function has compiled."""
         if self._depth == 0 or not _ours(event):
             return
+        self.clock.end()
         self._depth -= 1
         if self._depth == 0 and self._timer is not None:
             self._timer.cancel()
@@ -61,12 +104,24 @@ def _ours(event: Any) -> bool:
     return str(getattr(function, "__module__", "")).startswith("guided_gym.")
 
 
-_notice: CompilationNotice | None = None
+_notice: Final = CompilationNotice()
+kernel_clock: Final = _notice.clock
+_listens = False
 
 
 def announce_compilation() -> None:
     """Have a notice printed when our kernels take long to compile; a second call changes nothing."""
-    global _notice
-    if _notice is None:
-        _notice = CompilationNotice()
+    global _listens
+    if not _listens:
+        _listens = True
         event.register("numba:compile", _notice)  # type: ignore[no-untyped-call]
+
+
+def wall_seconds() -> float:
+    """Seconds since some moment, without those that kernels have taken."""
+    return time.perf_counter() - kernel_clock.seconds
+
+
+def processor_seconds() -> float:
+    """Processor seconds of this process, without those that kernels have taken."""
+    return time.process_time() - kernel_clock.processor

@@ -9,7 +9,6 @@ import importlib
 import importlib.metadata
 import inspect
 import re
-import time
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cache
@@ -19,6 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from guided_gym.checks import flag, integer, number, shown
+from guided_gym.compute.warmup import processor_seconds
 from guided_gym.doors import doors
 from guided_gym.errors import InvalidInputError, UnknownNameError
 from guided_gym.options import SearchOptions
@@ -350,10 +350,10 @@ class OmplPlanner(WatchedPlanner):
         """
         _, expansion_rng, rng = streams(seed)
         search = Search(problem, expansion_rng, rng, SearchOptions(step))
-        began = time.process_time()
+        began = processor_seconds()
         query = self._ready(search, self.resolution if by_states else 0.0)
         watch = None if by_states and self.resolution else _Answers(query.states, self.resolution)
         path = query.solve(self.seconds, watch)
-        processor = time.process_time() - began
+        processor = processor_seconds() - began
         free = path is not None and bool(problem.space.motions_free(path[:-1], path[1:]).all())
         return Alone(path, free, processor, query.questions.looks, query.edges())

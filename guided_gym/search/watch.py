@@ -7,7 +7,6 @@ rebuilt from the questions, one by one, and each choice be measured on the tree 
 
 from __future__ import annotations
 
-import time
 from abc import ABC, abstractmethod
 from collections.abc import Callable
 from typing import ClassVar, Final
@@ -15,6 +14,7 @@ from typing import ClassVar, Final
 import numpy as np
 from numpy.typing import NDArray
 
+from guided_gym.compute.warmup import wall_seconds
 from guided_gym.kernels.metric import interpolate, separation
 from guided_gym.search.search import NO_NODE, Expansion, Search, Watcher
 from guided_gym.search.tree import ROOT
@@ -117,7 +117,7 @@ class Watch:
         self._costs: dict[int, float] = {ROOT: 0.0}  # as far as they were asked for since the last rewiring
         self.over = search.solved and first
         self.history: list[tuple[int, float, float]] = []
-        self._began = time.perf_counter()
+        self._began = wall_seconds()
         search.tries = dict.fromkeys(TRIES, 0)
 
     def look(self, state: State) -> None:
@@ -240,7 +240,7 @@ class Watch:
         if search.solved:
             cost = search.cost
             if not self.history or cost < self.history[-1][-1]:
-                spent = time.perf_counter() - self._began
+                spent = wall_seconds() - self._began
                 self.history.append((self._limit - self._left, spent, cost))
             self.over = self.over or self._first
         self.over = self.over or self._left <= 0
