@@ -2,10 +2,10 @@
 
     python benchmarks/search.py --json search.json
 
-OMPL's RRT is called from Python with the same compiled pose check, the same step and the same world, in which
-the goal is walled in, so that neither finds it. The two take turns; the ratio is taken turn by turn, of the
-processor's time. OMPL checks motions at its usual 1 % of the extent; how many of its edges are not free is
-counted with the certified check. Without `ompl` (extra `[bench]`) that part is left out.
+OMPL's RRT is called from Python with the same compiled pose check, step, goal bias and goal rule, in the same
+world, in which the goal is walled in, so that neither finds it. The two take turns; the ratio is taken turn
+by turn, of the processor's time. OMPL checks motions at its usual 1 % of the extent; how many of its edges
+are not free is counted with the certified check. Without `ompl` (extra `[bench]`) that part is left out.
 """
 
 from __future__ import annotations
@@ -43,15 +43,16 @@ def walled_in() -> Problem:
     return Problem(rectangle_robot(), environment, Task((1.5, 2, 0), (8.5, 8, 0)), "walled in")
 
 
-def ours(problem: Problem, samples: int, seed: int) -> float:
-    """Nodes a second of RRT in `guided_search`, certified motions and goal tests included."""
+def ours(problem: Problem, samples: int, seed: int, bias: float) -> float:
+    """Nodes per second of RRT in `guided_search`, certified motions and goal tests included."""
     began = time.process_time()
-    result = guided_search(problem, "rrt", seed=seed, max_samples=samples, measure=False)
+    guidance = make_guidance("rrt", goal_bias=bias)
+    result = guided_search(problem, guidance, seed=seed, max_samples=samples, measure=False)
     return len(result.tree) / (time.process_time() - began)
 
 
-def theirs(problem: Problem, samples: int, seed: int) -> tuple[float, float]:
-    """Nodes a second of OMPL's RRT, and the share of its edges that are not free."""
+def theirs(problem: Problem, samples: int, bias: float) -> tuple[float, float]:
+    """Nodes per second of OMPL's RRT, and the share of its edges that are not free."""
     from ompl import base, geometric, util
 
     util.setLogLevel(util.LOG_NONE)
@@ -79,7 +80,7 @@ def theirs(problem: Problem, samples: int, seed: int) -> tuple[float, float]:
     setup.setStartAndGoalStates(*ends)
     planner = geometric.RRT(setup.getSpaceInformation())
     planner.setRange(step)
-    planner.setGoalBias(0.0)
+    planner.setGoalBias(bias)
     setup.setPlanner(planner)
     setup.setup()
     calls = 0
@@ -111,12 +112,13 @@ def colliding(problem: Problem, data: Any) -> float:
     return float(np.mean(~problem.space.motions_free(starts.copy(), ends.copy())))
 
 
-def against_ompl(samples: int, turns: int) -> dict[str, Any]:
-    """Both planners in turn."""
+def against_ompl(samples: int, turns: int, bias: float, by_edge: bool) -> dict[str, Any]:
+    """Both planners in turn. With ``by_edge`` ours looks at the motion to the goal from each node, too."""
     problem = walled_in()
-    ours(problem, 2000, 0)
-    theirs(problem, 100, 0)
-    rows = [(ours(problem, samples, k), *theirs(problem, samples, k)) for k in range(turns)]
+    rule = problem if by_edge else problem.ending(np.finfo(np.float64).eps, by_edge=False)  # as OMPL's
+    ours(rule, 2000, 0, bias)
+    theirs(problem, 100, bias)
+    rows = [(ours(rule, samples, k, bias), *theirs(problem, samples, bias)) for k in range(turns)]
     mine, peer, share = np.array(rows).T
     return {
         "nodes_per_second": float(np.median(mine)),
@@ -201,7 +203,11 @@ def main() -> None:
     options = parser.parse_args()
     results: dict[str, Any] = {}
     try:
-        results["rrt against OMPL"] = against_ompl(options.samples, options.turns)
+        for bias in (0.0, 0.05):
+            found = against_ompl(options.samples, options.turns, bias, by_edge=False)
+            results[f"rrt against OMPL, goal bias {bias}"] = found
+        found = against_ompl(options.samples, options.turns, 0.0, by_edge=True)
+        results["rrt against OMPL, ours looks at the goal from each node"] = found
     except ImportError:
         Console().print("ompl is not installed: that part is left out (pip install '.[bench]' here)")
     results["us a sample, rrt"] = growth("rrt", (1_000, 10_000, 50_000), 1000)

@@ -105,6 +105,40 @@ class CostToGo(Protocol):
         """
 
 
+class Fixed:
+    """Solvers to which failures teach nothing: h of a node is worked out once. A subclass says how."""
+
+    looks = 0
+
+    def begin(self, query: Query, rng: np.random.Generator, step: float) -> None:
+        """Take note of the query."""
+        self._query = query
+        self._known = np.zeros(0)
+        self._count = 0
+
+    def __call__(self, states: Floats) -> Floats:
+        """(n, d') states to (n,) cost-to-go."""
+        raise NotImplementedError
+
+    def follow(self, states: Floats) -> Floats:
+        """(n,) cost-to-go of the nodes; asked for once for each."""
+        n, count = len(states), self._count
+        if n > len(self._known):
+            self._known = np.resize(self._known, 2 * n)
+        if n > count:
+            self._known[count:n] = self(states[count:n])
+            self._count = n
+        values: Floats = self._known[:n]
+        values.flags.writeable = False
+        return values
+
+    def raise_near(self, state: Floats, reach: float, factor: float) -> None:
+        """Nothing: no cost rises."""
+
+    def inspect(self, state: Floats, reach: float, valid: Valid) -> None:
+        """Nothing: no way is remembered."""
+
+
 def require_dimensions(solver: str, query: Query, *dimensions: int) -> None:
     """Refuse a guiding space that a solver cannot take.
 

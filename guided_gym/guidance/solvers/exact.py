@@ -5,18 +5,17 @@ from __future__ import annotations
 import numpy as np
 
 from guided_gym.errors import NoPathError
-from guided_gym.guidance.solvers.base import Floats, Query, Valid, require_body
+from guided_gym.guidance.solvers.base import Fixed, Floats, Query, require_body
 from guided_gym.measure.oracle import Oracle, oracle_for
 
 
-class Exact:
+class Exact(Fixed):
     """The true cost-to-go d_{C'}(x, t) (paper, Simple Examples: S = C and h = d_C), from the oracle.
 
     With nothing modified it is the guidance that perfect knowledge gives, failures not foreseen; on a
     modified problem it is what the modification alone costs.
     """
 
-    looks = 0
     sees = True  # poses in collision have no way
 
     def begin(self, query: Query, rng: np.random.Generator, step: float) -> None:
@@ -26,7 +25,7 @@ class Exact:
             InvalidInputError: No space of a body.
         """
         require_body("exact", query)
-        self._query = query
+        super().begin(query, rng, step)
         self._oracle: Oracle | None = None
         space = query.space
         if space.valid(query.goal):
@@ -42,13 +41,3 @@ class Exact:
             return np.full(len(states), np.inf)
         costs = self._oracle.cost_to_go(np.ascontiguousarray(states))
         return np.where(self._query.space.valid(states), costs, np.inf)
-
-    def follow(self, states: Floats) -> Floats:
-        """(n,) true cost-to-go of the nodes."""
-        return self(states)
-
-    def raise_near(self, state: Floats, reach: float, factor: float) -> None:
-        """Nothing: the truth does not change."""
-
-    def inspect(self, state: Floats, reach: float, valid: Valid) -> None:
-        """Nothing is unvalidated."""
