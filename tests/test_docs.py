@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import importlib.util
+import pkgutil
 import re
 import sys
 import types
@@ -96,6 +97,18 @@ def test_links_lead_somewhere(page: Path) -> None:
         if not there.exists() or (anchor and there.suffix == ".md" and anchor not in anchors(there)):
             broken.append(target)
     assert broken == []
+
+
+@pytest.mark.parametrize("page", PAGES, ids=[str(page.relative_to(REPOSITORY)) for page in PAGES])
+def test_names_of_the_package_exist(page: Path) -> None:
+    """`guided_gym.room.name` in the text is a module, or something in one."""
+    missing = []
+    for name in sorted(set(re.findall(r"`(guided_gym(?:\.\w+)+)", without_code(page)))):
+        try:
+            pkgutil.resolve_name(name)
+        except (ImportError, AttributeError):
+            missing.append(name)
+    assert missing == []
 
 
 # The site --------------------------------------------------------------------------------------------------
