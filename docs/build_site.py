@@ -127,6 +127,13 @@ def on_page_markdown(markdown: str, page: Any, config: Any, files: Any) -> str:
     return turned_links(markdown, sources.get(name, f"docs/{name}"), name)
 
 
+def on_page_content(content: str, page: Any, config: Any, files: Any) -> str:
+    """Give the page the room of its table of contents where that has nothing but the title."""
+    if all(not title.children for title in page.toc):
+        page.meta["hide"] = ["toc"]
+    return content
+
+
 def turned_links(markdown: str, source: str, name: str) -> str:
     """Markdown whose relative links lead to pages of the site.
 
