@@ -34,10 +34,10 @@ from guided_gym.catalogue.table import make_distribution
 from guided_gym.kernels.metric import Metric
 from guided_gym.measure.target import Measure
 from guided_gym.planners.ompl import OmplPlanner, planner_names, setters
-from guided_gym.planning import guided_search
+from guided_gym.planning import _Recorder, guided_search
 from guided_gym.problems import Problem
 from guided_gym.randomness import streams
-from guided_gym.search.search import Expansion, Search
+from guided_gym.search.search import Search
 from guided_gym.train.claims import DRAWN, PROBLEMS
 from guided_gym.train.ompl_report import BY_STATES, unprepared
 
@@ -135,36 +135,20 @@ class _Counted:
 
 
 def _tries_watched(planner: str, problem: Problem, seed: int, tries: int, *, measure: bool) -> float:
-    """Seconds a motion with the watch, and the metric if asked for."""
+    """Seconds a motion with the watch, and the metric if asked for: what `guided_search` does."""
     _, expansion, rng = streams(seed)
     search = Search(problem, expansion, rng)
-    made, metric = _short(planner), _Metric(Measure(search)) if measure else None
+    made, recorder = _short(planner), None
+    if measure:
+        recorder = _Recorder(search, None, Measure(search), distributions=False)
     made.prepare(search)
     began = time.process_time()
-    made.run(search, tries, watcher=metric)
+    made.run(search, tries, watcher=recorder)
+    if recorder is not None:
+        recorder.record()
     spent = time.process_time() - began
     asked = search.samples + sum(search.tries[kind] for kind in ("elsewhere", "joining", "within"))
     return spent / max(asked, 1)
-
-
-class _Metric:
-    """Measures each choice."""
-
-    def __init__(self, measure: Measure) -> None:
-        self._measure = measure
-
-    def before(self, node: int) -> None:
-        """The choice of a node."""
-        self._measure.choice(node)
-
-    def after(self, expansion: Expansion) -> None:
-        """Nothing is done about it."""
-
-    def take(self, rows: object) -> None:
-        """There are no bursts."""
-
-    def changed(self) -> None:
-        """Nothing is done about it."""
 
 
 def reach(environment: str, problems: int) -> dict[str, dict[str, float]]:

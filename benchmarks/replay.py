@@ -52,6 +52,9 @@ class _Tracing:
     def take(self, rows: np.ndarray) -> None:
         raise AssertionError("asked one by one")
 
+    def rewiring(self) -> None:
+        """No planner is watched here."""
+
     def changed(self) -> None:
         """No planner is watched here."""
 

@@ -305,6 +305,8 @@ class _Recorder:
     ) -> None:
         self._search, self._guidance, self._metric = search, guidance, metric
         self._distributions, self._trace = distributions, trace
+        # Choices can be measured together later, unless somebody asks now or the tree changes its costs.
+        self._hindsight = not distributions and trace is None and not search.options.rewire
         self._blocks: list[NDArray[np.float64]] = []  # (k, 7) each, columns in the order of `Record`
         self._rows: list[list[float]] = []  # not in a block yet
         self.seconds = 0.0
@@ -313,12 +315,14 @@ class _Recorder:
         """The choice of ``node``, measured on the tree as it stands."""
         began = wall_seconds()
         row = [node, NO_NODE, len(self._search.tree), np.nan, np.nan, np.nan, np.nan]
+        self._rows.append(row)
+        if self._hindsight:
+            return
         if self._metric is not None:
             row[3], row[6] = self._metric.choice(node)
             if self._distributions and isinstance(self._guidance, GuidingSpace):
                 p, q = self._guidance.distribution(self._search.tree), self._metric.distribution()
                 row[4], row[5] = sampling_efficiency(p, q), jensen_shannon(p, q)
-        self._rows.append(row)
         if self._trace is not None:
             self._trace.chosen(node)
         self.seconds += wall_seconds() - began
@@ -340,9 +344,7 @@ class _Recorder:
         block = np.full((len(burst), 7), np.nan)
         block[:, :2] = burst
         block[:, 2] = len(self._search.tree) - int(grew.sum()) + np.cumsum(grew) - grew
-        if self._metric is not None:
-            for row in block:
-                row[3], row[6] = self._metric.choice(int(row[0]), int(row[2]))
+        self._measure(block)
         self._blocks.append(block)
         self.seconds += wall_seconds() - began
 
@@ -353,9 +355,24 @@ class _Recorder:
             self._trace.gained()
             self.seconds += wall_seconds() - began
 
+    def rewiring(self) -> None:
+        """A watched planner is about to give a node another parent: what was chosen before is measured."""
+        if self._hindsight and self._rows:
+            began = time.perf_counter()
+            self._close_block()
+            self.seconds += time.perf_counter() - began
+
     def _close_block(self) -> None:
-        self._blocks.append(np.array(self._rows, np.float64).reshape(-1, 7))
+        block = np.array(self._rows, np.float64).reshape(-1, 7)
+        if self._hindsight:
+            self._measure(block)
+        self._blocks.append(block)
         self._rows = []
+
+    def _measure(self, block: NDArray[np.float64]) -> None:
+        """Rows of choices, in hindsight."""
+        if self._metric is not None:
+            block[:, [3, 6]] = self._metric.choices(block[:, 0], block[:, 2])
 
     def record(self) -> Record:
         """The rows so far."""

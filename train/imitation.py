@@ -492,6 +492,9 @@ class TreeLessons:
     def take(self, rows: NDArray[np.int32]) -> None:
         """Nothing: learned guidance runs in no bursts."""
 
+    def rewiring(self) -> None:
+        """No planner is watched here."""
+
     def changed(self) -> None:
         """No planner is watched here."""
 

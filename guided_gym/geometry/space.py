@@ -6,6 +6,7 @@ import hashlib
 import math
 from collections.abc import Sequence
 from functools import cached_property
+from typing import Final
 
 import numpy as np
 import numpy.typing as npt
@@ -35,6 +36,7 @@ _SMALLEST_OUTER_TOLERANCE = 1e-12
 _LARGEST_TOLERANCE = 1e-3
 """Largest default tolerance, relative to the diagonal, where coordinates are so large that they need one."""
 
+_FLOAT64: Final = np.dtype(np.float64)  # to compare with a type takes thrice as long
 
 _MANY_TURNS = 5e3
 """Angles beyond this are wrapped by their sine and cosine, since rounding of many turns would add up."""
@@ -111,6 +113,7 @@ class ConfigurationSpace:
         self.names, *ranges = robot.coordinates(environment, rotation_weight)
         self.lower, self.upper, self.periods, self.weights = map(_frozen, ranges)
         self._turning = _where(self.periods)
+        self._angles = tuple(np.flatnonzero(self.periods).tolist())
         self.metric = Metric(self.weights, self.periods)
         self.tolerance = _checked_tolerance(tolerance, robot, environment)
         self.geometry: collision.Geometry = robot.packed(environment, self.tolerance)
@@ -253,14 +256,15 @@ class ConfigurationSpace:
         Raises:
             InvalidInputError: It has another shape.
         """
-        if not (type(q) is np.ndarray and q.dtype == np.float64 and q.flags.carray):
+        if not (type(q) is np.ndarray and q.dtype == _FLOAT64 and q.flags.carray):
             q = np.array(q, dtype=np.float64)
         if q.shape != (self.dimension,):
             raise InvalidInputError(
                 f"expected a configuration of shape ({self.dimension},), got shape {q.shape}"
             )
-        if self._turning is not None and _far(q[self._turning]):
-            return self.wrap(q)
+        for i in self._angles:
+            if _MANY_TURNS < abs(q.item(i)) < LARGEST_ANGLE:  # of many turns, but still an angle
+                return self.wrap(q)
         return q
 
     def batch(self, q: Configurations) -> FloatArray:
@@ -304,11 +308,6 @@ def _where(periods: FloatArray) -> slice | IntArray | None:
         return None
     first, last = int(turning[0]), int(turning[-1]) + 1
     return slice(first, last) if last - first == turning.size else turning
-
-
-def _far(angles: FloatArray) -> bool:
-    """Whether an angle is one of many turns, but still an angle."""
-    return any(_MANY_TURNS < abs(angle) < LARGEST_ANGLE for angle in angles.tolist())
 
 
 def _frozen(values: npt.ArrayLike) -> FloatArray:

@@ -120,13 +120,13 @@ def read_arm(
 def _parsed(path: Path) -> Any:
     """The robot of a file, as yourdfpy has it."""
     content = checked_xml(path, LARGEST_FILE)
+    _check_document(path, content)
     try:
         yourdfpy = importlib.import_module("yourdfpy")
     except ImportError as error:
         raise GuidedGymError(
             f"reading URDF needs yourdfpy: pip install 'guided-gym[urdf]' ({error})"
         ) from error
-    _check_document(path, content)
     logging.getLogger("yourdfpy.urdf").setLevel(logging.CRITICAL)
     try:
         model = yourdfpy.URDF.load(io.BytesIO(content), build_scene_graph=False, load_meshes=False)

@@ -16,7 +16,7 @@ from guided_gym.kernels.cost_query import OracleState, cost_to_go_one
 from guided_gym.kernels.extend import FAILED, REACHED_TOLERANCE, attempt
 from guided_gym.kernels.metric import Metric, ball_samples
 from guided_gym.kernels.observe import UNIT, observe_configuration, observe_place
-from guided_gym.kernels.softmin import choice_efficiency
+from guided_gym.kernels.softmin import choice_efficiency, energy_of
 
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
@@ -122,15 +122,6 @@ def refill(rng: np.random.Generator, normals: Floats, radii: Floats) -> None:
         for j in range(normals.shape[1]):
             normals[i, j] = rng.standard_normal()
         radii[i] = rng.random()
-
-
-@njit(cache=True)
-def energy_of(
-    cost: float, tau: float, optimum: float, scale: float, temperatures: tuple[float, float]
-) -> float:
-    """delta_v/delta + tau_v/tau of one node, in units of ``scale``."""
-    delta = max(cost + tau - optimum, 0.0)
-    return (delta / temperatures[0] + tau / temperatures[1]) / scale
 
 
 @njit(cache=True)

@@ -11,11 +11,12 @@ from numpy.typing import ArrayLike, NDArray
 from guided_gym.checks import integer, number, shown
 from guided_gym.doors import door, doors
 from guided_gym.errors import InvalidInputError
+from guided_gym.kernels.softmin import choice_efficiencies, settle_energies
 from guided_gym.kernels.softmin import choice_efficiency as softmin_choice
 from guided_gym.measure.oracle import oracle_for
 from guided_gym.options import DEFAULT_TARGET, SearchOptions, TargetParameters
 from guided_gym.problems import Problem
-from guided_gym.search.tree import NO_PARENT, SearchTree
+from guided_gym.search.tree import SearchTree
 
 SUM_TOLERANCE = 1e-6  # of probabilities that add up to 1, as those in float32 do
 
@@ -275,26 +276,22 @@ class Measure:
         if n > self._tau.size:
             self._tau = np.resize(self._tau, 2 * n)
             self._energy = np.resize(self._energy, 2 * n)
-        for i in range(self._n, n):
-            q = tree.nodes.configurations[i]
-            tau = float(self.oracle.cost_to_go(q))
-            parent = int(tree.nodes.parents[i])
-            if NO_PARENT < parent < i and tree.certified:
-                # The edge is free, so d_C can't change by more than its length.
-                edge = float(tree.nodes.costs[i] - tree.nodes.costs[parent])
-                tau = min(tau, float(self._tau[parent]) + edge)
-            self._tau[i] = tau
-            self._energy[i] = self._energy_of(float(tree.nodes.costs[i]), tau)
+        if n > self._n:
+            # Where all edges are free, d_C can't change along one by more than its length.
+            nodes, first, p = tree.nodes, self._n, self.parameters
+            new = first if n == first + 1 else slice(first, n)
+            self._tau[new] = self.oracle.cost_to_go(nodes.configurations[new])
+            bounds, lengths = (first, n, tree.certified), (self.optimum, self._scale)
+            temperatures = float(p.delta), float(p.tau)
+            settle_energies(
+                self._tau, nodes.costs, nodes.parents, bounds, lengths, temperatures, self._energy
+            )
         if tree.rewirings != self._rewirings:
             self._rewirings = tree.rewirings
             delta = suboptimality(tree.cost_to_come, self._tau[:n], self.optimum)
             p = self.parameters
             self._energy[:n] = (delta / p.delta + self._tau[:n] / p.tau) / self._scale
         self._n = n
-
-    def _energy_of(self, cost_to_come: float, tau: float) -> float:
-        delta = max(cost_to_come + tau - self.optimum, 0.0)
-        return (delta / self.parameters.delta + tau / self.parameters.tau) / self._scale
 
     @property
     def work_remaining(self) -> NDArray[np.float64]:
@@ -334,6 +331,37 @@ class Measure:
             q = target(delta, self._tau[:n], self.optimum, self.parameters)
             return max(0.0, -float(np.log(q[node]))), -float(np.log(q.max()))
         return softmin_choice(self._energy, n, node, self.parameters.epsilon)
+
+    def choices(self, nodes: ArrayLike, sizes: ArrayLike) -> NDArray[np.float64]:
+        """`choice` of several nodes, one after the other, in hindsight; in one go, which is much quicker.
+
+        Args:
+            nodes: (k,) the chosen nodes.
+            sizes: (k,) number of nodes when each was chosen, never fewer than before.
+
+        Returns:
+            (k, 2) what `choice` returns of each.
+
+        Raises:
+            InvalidInputError: There was no such node, or there have never been so many, or fewer than before.
+        """
+        self._update()
+        nodes, sizes = np.asarray(nodes, np.int64), np.asarray(sizes, np.int64)
+        if nodes.ndim != 1 or nodes.shape != sizes.shape:
+            raise InvalidInputError(
+                f"expected as many nodes as sizes, got shapes {nodes.shape} and {sizes.shape}"
+            )
+        if not nodes.size:
+            return np.zeros((0, 2))
+        grown = (sizes[1:] >= sizes[:-1]).all() and sizes[-1] <= self._n
+        if not (grown and ((nodes >= 0) & (nodes < sizes)).all()):  # the kernel checks no bounds
+            raise InvalidInputError(
+                f"expected nodes of a tree that grew to {self._n} nodes, got {shown(nodes)} of {shown(sizes)}"
+            )
+        if self.parameters.normalisation == "tree":
+            pairs = zip(nodes.tolist(), sizes.tolist(), strict=True)
+            return np.array([self.choice(node, size) for node, size in pairs])
+        return choice_efficiencies(self._energy, nodes, sizes, self.parameters.epsilon)
 
     def expansion(
         self, node: int, children: NDArray[np.float64], chosen: int, size: int | None = None

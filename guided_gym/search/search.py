@@ -92,6 +92,9 @@ class Watcher(Protocol):
     def take(self, rows: NDArray[np.int32]) -> None:
         """Rows of a burst: selected node and new node of each sample, in hindsight."""
 
+    def rewiring(self) -> None:
+        """A watched planner is about to give a node another parent."""
+
     def changed(self) -> None:
         """The tree has changed without a sample: nodes, or one new parent, of a watched planner."""
 

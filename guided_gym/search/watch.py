@@ -15,6 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from guided_gym.compute.warmup import wall_seconds
+from guided_gym.kernels.extend import FAILED, GREW, REACHED, REACHED_TOLERANCE, attempt
 from guided_gym.kernels.metric import interpolate, separation
 from guided_gym.search.search import NO_NODE, Expansion, Search, Watcher
 from guided_gym.search.tree import ROOT
@@ -80,7 +81,8 @@ class Watch:
         limit: Tries to grow after which the planner has to give up.
         states: Start and goal in the planner's numbers.
         configuration: (d,) the configuration that a state stands for.
-        check: Whether the motion between two configurations is free.
+        check: Whether the motion between two configurations is free. Samples of a tree whose edges are
+            certified are looked at by the compiled `attempt` instead, as those of guiding spaces are.
         length: Length of the straight motion between two states in the planner's metric.
         first: Whether to end with the first path.
         watcher: Who measures.
@@ -171,29 +173,67 @@ class Watch:
         search, watcher = self._search, self._watcher
         if watcher is not None:
             watcher.before(node)
-        q = search.tree.nodes.configurations[node]
-        free = self._check(q, target)
+        outcome, length, contact = self._attempt(search.tree.nodes.configurations[node], state, target)
         search.samples += 1
-        search.collision_checks += 1
         self._left -= 1
-        child, contact, self._reached = NO_NODE, None, False
-        if free:
-            child = self._join(node, state, target)
-        else:
-            contact = interpolate(q, target, search.space.first_contact(q, target), search.space.metric)
+        self._reached = False
+        if outcome == FAILED:
             search.tree.add_failure(node, target, contact)
-        search.last = Expansion(node, target, child, contact, self._reached)
+            search.last = Expansion(node, target, NO_NODE, contact, False)
+        else:
+            child = self._join(node, state, target, (length, outcome))
+            search.last = Expansion(node, target, child, None, self._reached)
         if watcher is not None:
             watcher.after(search.last)
         if self._progress is not None:
             self._progress(search.samples)
         self._note()
-        return free
+        return outcome != FAILED
 
-    def _join(self, parent: int, state: State, q: NDArray[np.float64]) -> int:
-        """Add a state to T, and all that hangs together with it; returns its node."""
-        node = self._add(parent, state, q)
-        waiting = [state]
+    def _attempt(
+        self, q: NDArray[np.float64], state: State, target: NDArray[np.float64]
+    ) -> tuple[int, float, NDArray[np.float64]]:
+        """`guided_gym.kernels.extend.attempt` by the planner's own check of motions."""
+        search, space = self._search, self._search.space
+        search.collision_checks += 1
+        if search.tree.certified:  # all in one call
+            tolerance, by_edge = self._rule(state)
+            outcome = attempt(q, target, search.goal, tolerance, by_edge, space.geometry, space.metric)
+            search.collision_checks += by_edge and outcome[0] in (GREW, REACHED)
+            return outcome
+        if not self._check(q, target):
+            return FAILED, 0.0, interpolate(q, target, space.first_contact(q, target), space.metric)
+        return self._outcome(state, target), separation(q, target, space.metric), target
+
+    def _rule(self, state: State) -> tuple[float, bool]:
+        """The tolerance at the goal, and whether to look at it, from a state that T gains."""
+        task = self._search.task
+        if self._first and self._search.solved:
+            return 0.0, False
+        return task.tolerance, task.by_edge and self._goal not in self._nodes and state != self._goal
+
+    def _outcome(self, state: State, q: NDArray[np.float64]) -> int:
+        """Whether a state that T gains reaches the goal, in the words of `attempt`."""
+        search = self._search
+        tolerance, by_edge = self._rule(state)
+        if tolerance > 0 and separation(q, search.goal, search.space.metric) <= tolerance:
+            return REACHED_TOLERANCE
+        search.collision_checks += by_edge
+        return REACHED if by_edge and self._check(q, search.goal) else GREW
+
+    def _join(
+        self,
+        parent: int,
+        state: State,
+        q: NDArray[np.float64],
+        known: tuple[float, int] | None = None,
+    ) -> int:
+        """Add a state to T, and all that hangs together with it; returns its node.
+
+        ``known`` is the length of the motion to it, and what `attempt` says of it.
+        """
+        node = self._add(parent, state, q, known)
+        waiting = [state] if self._links else []
         while waiting:
             here = waiting.pop(0)
             for neighbour in self._links.pop(here, ()):
@@ -203,22 +243,27 @@ class Watch:
                     waiting.append(neighbour)
         return node
 
-    def _add(self, parent: int, state: State, q: NDArray[np.float64]) -> int:
-        search, task = self._search, self._search.task
-        a = search.tree.nodes.configurations[parent]
-        node = search.tree.add(q, parent, separation(a, q, search.space.metric))
+    def _add(
+        self,
+        parent: int,
+        state: State,
+        q: NDArray[np.float64],
+        known: tuple[float, int] | None = None,
+    ) -> int:
+        search = self._search
+        if known is None:
+            a = search.tree.nodes.configurations[parent]
+            known = separation(a, q, search.space.metric), self._outcome(state, q)
+        length, outcome = known
+        node = search.tree.add(q, parent, length)
         self._nodes[state] = node
         self._states.append(state)
         if self._first and search.solved:
             return node
-        if state == self._goal or (
-            task.tolerance > 0 and separation(q, search.goal, search.space.metric) <= task.tolerance
-        ):
+        if state == self._goal or outcome == REACHED_TOLERANCE:
             self._reach(node)
-        elif task.by_edge and self._goal not in self._nodes:
-            search.collision_checks += 1
-            if self._check(q, search.goal):
-                self._see_goal(node, q)
+        elif outcome == REACHED:
+            self._see_goal(node, q)
         return node
 
     def _see_goal(self, node: int, q: NDArray[np.float64]) -> None:
@@ -263,6 +308,8 @@ class Watch:
         parent, child = (one, two) if self._cost(one) <= self._cost(two) else (two, one)
         if not self._cost(parent) + length < self._cost(child):
             return
+        if self._watcher is not None:
+            self._watcher.rewiring()
         tree, space = self._search.tree, self._search.space
         a, b = tree.nodes.configurations[parent], tree.nodes.configurations[child]
         tree.rewire(child, parent, separation(a, b, space.metric))

@@ -74,7 +74,12 @@ def close_to(a: tuple[int, ...], b: tuple[int, ...], within: int = 12) -> bool:
 
 
 @pytest.fixture(scope="module")
-def renderer() -> Renderer:
+def pygame():
+    return pytest.importorskip("pygame", reason="the extra [render] is not installed")
+
+
+@pytest.fixture(scope="module")
+def renderer(pygame) -> Renderer:
     return Renderer()
 
 
@@ -87,7 +92,7 @@ def test_frame__is_uint8_rgb_of_even_size_as_wide_as_asked(renderer, make):
     assert frame.flags.writeable
 
 
-def test_frame__tall_workspaces_are_as_tall_as_asked():
+def test_frame__tall_workspaces_are_as_tall_as_asked(pygame):
     problem = Problem(Robot.point(), Environment((0, 0, 1, 4)), Task([0.5, 0.5], [0.5, 3.5]))
     search = begun(problem)
     height, width, _ = Renderer(200).frame(search, target=even(search)).shape
@@ -149,7 +154,7 @@ def test_frame__a_path_found_is_drawn_in_red(renderer, make):
 
 
 @pytest.mark.parametrize("make", [point_problem, rod_problem])
-def test_frame__depends_on_nothing_but_the_search(make):
+def test_frame__depends_on_nothing_but_the_search(pygame, make):
     watched, search = Renderer(), begun(make())
     for _ in range(8):
         grow(search, 5)
@@ -215,7 +220,7 @@ def test_renderer__without_pygame_names_the_extra(monkeypatch):
         Renderer()
 
 
-def test_show__opens_one_window_and_closes_twice(monkeypatch):
+def test_show__opens_one_window_and_closes_twice(pygame, monkeypatch):
     monkeypatch.setenv("SDL_VIDEODRIVER", "dummy")
     renderer, search = Renderer(fps=1000), begun(point_problem(), 5)
     renderer.show(search, target=even(search))
@@ -225,10 +230,8 @@ def test_show__opens_one_window_and_closes_twice(monkeypatch):
     renderer.close()
 
 
-def test_show__stays_away_once_closed_by_hand(monkeypatch):
+def test_show__stays_away_once_closed_by_hand(pygame, monkeypatch):
     monkeypatch.setenv("SDL_VIDEODRIVER", "dummy")
-    import pygame
-
     renderer, search = Renderer(fps=1000), begun(point_problem(), 5)
     renderer.show(search, target=even(search))
     pygame.event.post(pygame.event.Event(pygame.QUIT))

@@ -171,6 +171,7 @@ def test_convert__from_each_kind_to_a_problem_and_back(tmp_path: Path) -> None:
 
 
 def test_convert__to_a_ros_map_and_back(tmp_path: Path) -> None:
+    pytest.importorskip("yaml", reason="the extra [maps] is not installed")
     code, _ = _run("convert", GALLERY / "office.yaml", tmp_path / "office.yaml")
     assert code == 0
     code, _ = _run("convert", tmp_path / "office.yaml", tmp_path / "again.yaml")

@@ -251,7 +251,7 @@ def test_what_cannot_be_used_is_refused(
 
 
 def test_bombs_and_giants_are_refused_at_the_door(tmp_path: Path) -> None:
-    with pytest.raises(InvalidInputError, match=r"DOCTYPE|yourdfpy"):
+    with pytest.raises(InvalidInputError, match="DOCTYPE"):
         SpatialArm.from_urdf(written(tmp_path, link("&i;"), head=BOMB))
     giant = tmp_path / "giant.urdf"
     with giant.open("wb") as file:

@@ -3,15 +3,19 @@
 from __future__ import annotations
 
 import math
+from functools import partial
+from io import StringIO
 
 import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from guided_gym.catalogue.table import make_distribution
 from guided_gym.errors import InvalidInputError
 from guided_gym.kernels import softmin
 from guided_gym.measure.target import (
+    Measure,
     choice_efficiency,
     entropy,
     jensen_shannon,
@@ -21,7 +25,9 @@ from guided_gym.measure.target import (
     suboptimality,
     target,
 )
-from guided_gym.options import TargetParameters
+from guided_gym.options import SearchOptions, TargetParameters
+from guided_gym.planning import guided_search
+from guided_gym.search.search import Search
 
 quick = settings(max_examples=80, deadline=None)
 lengths = st.floats(0, 50, allow_nan=False)
@@ -150,6 +156,50 @@ def test_kernel__agrees_with_the_whole_distribution(case: tuple, data: st.DataOb
     if q[node] > 1e-290:
         assert chosen == pytest.approx(-math.log(q[node]), abs=1e-9)
     assert best == pytest.approx(-math.log(q.max()), abs=1e-9)
+
+
+@quick
+@given(targets(), st.data())
+def test_kernel__choices_one_after_the_other_are_those_one_by_one(case: tuple, data: st.DataObject) -> None:
+    delta, tau, p = case
+    energy = delta / p.delta + tau / p.tau
+    sizes = np.array(sorted(data.draw(st.lists(st.integers(1, energy.size), min_size=1, max_size=30))))
+    nodes = np.array([data.draw(st.integers(0, size - 1)) for size in sizes.tolist()])
+    together = softmin.choice_efficiencies(energy, nodes, sizes, p.epsilon)
+    alone = [softmin.choice_efficiency(energy, n, v, p.epsilon) for v, n in zip(nodes, sizes, strict=True)]
+    assert together.tolist() == [list(pair) for pair in alone]  # to the last bit
+
+
+def test_measure__refuses_choices_of_a_tree_that_never_was() -> None:
+    problem = make_distribution("Cup").problem(0)
+    search = Search(problem, np.random.default_rng(0), np.random.default_rng(1))
+    search.expand(0, search.planner.uniform(search.start))
+    measure = Measure(search)
+    assert measure.choices([], []).shape == (0, 2)
+    assert measure.choices([0], [1]).tolist() == [list(measure.choice(0, 1))]
+    for nodes, sizes in (
+        ([0], [9]),
+        ([1], [1]),
+        ([-1], [1]),
+        ([0, 0], [2, 1]),
+        ([0], [1, 1]),
+        ([[0]], [[1]]),
+    ):
+        with pytest.raises(InvalidInputError, match="expected"):
+            measure.choices(nodes, sizes)
+
+
+@pytest.mark.parametrize("normalisation", ["start", "tree"])
+def test_searches__are_measured_in_hindsight_as_they_were_on_the_way(normalisation: str) -> None:
+    """A trace asks at each sample; without one, all choices are measured together afterwards."""
+    options = SearchOptions(target=TargetParameters(normalisation=normalisation))
+    rewired = SearchOptions(rewire=True, target=options.target)
+    for guidance, how in (("lazy_prm", options), ("rrt", options), ("rrt", rewired)):
+        problem = make_distribution("Cup").problem(0)
+        ran = partial(guided_search, problem, guidance, seed=0, max_samples=60, options=how)
+        on_the_way, afterwards = ran(trace=StringIO()).record, ran().record
+        assert np.array_equal(on_the_way.efficiency, afterwards.efficiency)
+        assert np.array_equal(on_the_way.selected, afterwards.selected)
 
 
 def test_target__prefers_less_work_and_less_suboptimality() -> None:

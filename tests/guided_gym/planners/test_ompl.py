@@ -8,6 +8,7 @@ import math
 import sys
 import time
 from collections.abc import Callable, Iterator
+from io import StringIO
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
@@ -481,11 +482,24 @@ def test_path_that_collides__is_not_solved() -> None:
     assert result.colliding[-1] == pytest.approx(problem.task.goal)
 
 
+@pytest.mark.parametrize("name", ["RRTstar", "RRTConnect", "KPIECE1", "BITstar(resolution=0.01)"])
+def test_measure__in_hindsight_is_what_it_was_on_the_way(cup: Problem, name: str) -> None:
+    """A trace has each choice measured at once, else as many as can be, together: rewiring or not."""
+    runs = [
+        guided_search(cup, f"ompl:{name}", seed=0, max_samples=150, trace=trace)
+        for trace in (StringIO(), None)
+    ]
+    assert np.array_equal(runs[0].record.efficiency, runs[1].record.efficiency)
+    assert np.array_equal(runs[0].tree.parents, runs[1].tree.parents)
+    assert (runs[0].tree.rewirings > 0) == (name == "RRTstar")
+
+
 def test_error_in_a_check__comes_back(cup: Problem, monkeypatch: pytest.MonkeyPatch) -> None:
-    def fail(self: object, a: object, b: object) -> bool:
+    def fail(*asked: object) -> bool:
         raise KeyboardInterrupt
 
     monkeypatch.setattr(type(cup.space), "motion_free", fail)
+    monkeypatch.setattr("guided_gym.search.watch.attempt", fail)
     _, expansion, guidance = streams(0)
     monkeypatch.setattr(type(cup), "begins_solved", False)
     search = Search(cup, expansion, guidance)

@@ -10,7 +10,7 @@ from shapely.geometry import box
 
 from guided_gym import Environment, Problem, Robot, Search, Task, streams
 from guided_gym.measure.target import Measure
-from guided_gym.search.watch import Watch
+from guided_gym.search.watch import State, Watch
 
 START, GOAL = (1.0, 1.0), (9.0, 1.0)
 
@@ -21,8 +21,12 @@ def watched(limit: int = 100, *, first: bool = True, by_edge: bool = True) -> tu
     task = Task(START, GOAL, 0.0 if by_edge else 0.1, by_edge)
     _, expansion, guidance = streams(0)
     search = Search(Problem(Robot.point(), environment, task), expansion, guidance)
-    watch = Watch(search, limit, (START, GOAL), np.array, search.space.motion_free, math.dist, first=first)
-    return search, watch
+
+    def configuration(state: State) -> np.ndarray:
+        return np.array(state, np.float64)
+
+    check = search.space.motion_free
+    return search, Watch(search, limit, (START, GOAL), configuration, check, math.dist, first=first)
 
 
 def tries(search: Search) -> tuple[int, int, int, int, int]:
@@ -174,6 +178,7 @@ def test_measure__trusts_no_edge_that_is_not_certified() -> None:
 
 def test_search__path_names_a_goal_that_is_a_node_once() -> None:
     search, watch = watched()
+    search.tree.certified = False
     watch._check = lambda a, b: not np.array_equal(b, search.goal) or a[0] > 8
     watch.motion(START, (4.5, 9.5))
     watch.motion((8.9, 1), GOAL)
