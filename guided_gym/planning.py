@@ -313,11 +313,11 @@ class _Recorder:
 
     def before(self, node: int) -> None:
         """The choice of ``node``, measured on the tree as it stands."""
-        began = wall_seconds()
         row = [node, NO_NODE, len(self._search.tree), np.nan, np.nan, np.nan, np.nan]
         self._rows.append(row)
         if self._hindsight:
             return
+        began = wall_seconds()
         if self._metric is not None:
             row[3], row[6] = self._metric.choice(node)
             if self._distributions and isinstance(self._guidance, GuidingSpace):
@@ -358,9 +358,9 @@ class _Recorder:
     def rewiring(self) -> None:
         """A watched planner is about to give a node another parent: what was chosen before is measured."""
         if self._hindsight and self._rows:
-            began = time.perf_counter()
+            began = wall_seconds()
             self._close_block()
-            self.seconds += time.perf_counter() - began
+            self.seconds += wall_seconds() - began
 
     def _close_block(self) -> None:
         block = np.array(self._rows, np.float64).reshape(-1, 7)
