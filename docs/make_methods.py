@@ -107,6 +107,13 @@ def table(seeds: int) -> str:
     return "\n".join(f"| {line} |" for line in lines)
 
 
+def put_between(page: Path, begin: str, end: str, text: str) -> None:
+    """Write a text between two marks of a page, in place of what is there."""
+    before, _, rest = page.read_text(encoding="utf-8").partition(begin)
+    after = rest.partition(end)[2]
+    page.write_text(f"{before}{begin}\n{text}\n{end}{after}", encoding="utf-8")
+
+
 def main(seeds: int) -> None:
     """Draw, measure, and write the table into the page."""
     with tempfile.TemporaryDirectory() as folder:
@@ -115,11 +122,8 @@ def main(seeds: int) -> None:
         for method in METHODS:
             draw(method)
         measured = table(seeds)
-    text = PAGE.read_text(encoding="utf-8")
-    before, _, rest = text.partition(BEGIN)
-    after = rest.partition(END)[2]
     said = f"Seeds 0 to {seeds - 1}; a search gives up after {MAX_SAMPLES} samples."
-    PAGE.write_text(f"{before}{BEGIN}\n{said}\n\n{measured}\n{END}{after}", encoding="utf-8")
+    put_between(PAGE, BEGIN, END, f"{said}\n\n{measured}")
 
 
 if __name__ == "__main__":

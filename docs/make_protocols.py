@@ -1,7 +1,7 @@
-"""Measure the tables of docs/learned.md: ``python docs/make_protocols.py FOLDER [SEEDS]``.
+"""Measure the tables of docs/learned.md, and of the README: ``python docs/make_protocols.py FOLDER [SEEDS]``.
 
 Results are kept in the folder, one file for each problem and protocol, so that the same command goes on after
-an interruption. The tables are written between the two marks of the page.
+an interruption. The tables are written between two marks of each page.
 """
 
 from __future__ import annotations
@@ -10,9 +10,12 @@ import sys
 from pathlib import Path
 from typing import NamedTuple
 
+from make_methods import put_between
+
 from guided_gym import EvaluationSettings, evaluate, summarise
 
 PAGE = Path(__file__).parent / "learned.md"
+README, SHOWN = Path(__file__).parents[1] / "README.md", "RandomTrapCup@test"
 BEGIN, END = "<!-- tables: docs/make_protocols.py -->", "<!-- end of tables -->"
 SEEDS, MAX_SAMPLES = 32, 500
 SCRIPTED = ("wavefront", "lazy_prm", "medial_axis", "hybrid", "oracle")
@@ -63,33 +66,30 @@ def cells(environment: str, column: Column, folder: Path, seeds: int) -> dict[st
     return shown
 
 
-def tables(folder: Path, seeds: int) -> str:
-    """A table for each problem, its guidances by the protocols."""
-    parts = []
-    for environment in LEARNED:
-        columns = [cells(environment, column, folder, seeds) for column in COLUMNS]
-        head = ["", *(column.title for column in COLUMNS)]
-        rows = [head, ["---"] * len(head)]
-        for guidance in (LEARNED[environment], *SCRIPTED):
-            rows.append([f"`{guidance}`", *(column[guidance] for column in columns)])
-        lines = "\n".join(f"| {' | '.join(row)} |" for row in rows)
-        parts.append(f"**{environment}**\n\n{lines}")
-        print(parts[-1], flush=True)
-    return "\n\n".join(parts)
+def table(environment: str, folder: Path, seeds: int) -> str:
+    """The table of a problem, its guidances by the protocols."""
+    columns = [cells(environment, column, folder, seeds) for column in COLUMNS]
+    head = ["", *(column.title for column in COLUMNS)]
+    rows = [head, ["---"] * len(head)]
+    for guidance in (LEARNED[environment], *SCRIPTED):
+        rows.append([f"`{guidance}`", *(column[guidance] for column in columns)])
+    lines = "\n".join(f"| {' | '.join(row)} |" for row in rows)
+    return f"**{environment}**\n\n{lines}"
 
 
 def main(folder: Path, seeds: int) -> None:
-    """Measure, and write the tables into the page."""
-    measured = tables(folder, seeds)
-    text = PAGE.read_text(encoding="utf-8")
-    before, _, rest = text.partition(BEGIN)
-    after = rest.partition(END)[2]
+    """Measure, and write the tables into the pages."""
+    measured = {}
+    for environment in LEARNED:
+        measured[environment] = table(environment, folder, seeds)
+        print(measured[environment], flush=True)
     said = (
         f"Means over {seeds} problems (seeds of TrapCup), at most {MAX_SAMPLES} samples. Each cell: samples; "
         "total SE (whole) or excess SE (selection and expansion) in nats, with its 95 % interval; the share "
         "solved where it is not 100 %. Bold: no guidance is known to be better."
     )
-    PAGE.write_text(f"{before}{BEGIN}\n{said}\n\n{measured}\n{END}{after}", encoding="utf-8")
+    put_between(PAGE, BEGIN, END, "\n\n".join([said, *measured.values()]))
+    put_between(README, BEGIN, END, measured[SHOWN])
 
 
 if __name__ == "__main__":
