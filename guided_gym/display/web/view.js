@@ -439,6 +439,7 @@
     ctx.closePath();
   }
 
+  const MARKS = 8; // pictures of a large tree that are kept while it grows
   const MANY = 3000; // nodes or failures from which on they are drawn pixel by pixel, some ten times as fast
 
   /** Lines and squares written straight into a canvas's pixels: not smooth, but fast. */
@@ -454,9 +455,9 @@
       return new Uint32Array(new Uint8Array([...parts, Math.round(255 * alpha)]).buffer)[0];
     }
 
-    /** A line of one pixel's width, or two. */
-    line(x0, y0, x1, y1, colour, wide) {
-      const { pixels } = this, width = this.image.width, height = this.image.height;
+    /** A line of one pixel's width, or two; with `most`, lines add up where they cross, to that much at most. */
+    line(x0, y0, x1, y1, colour, wide, most = 0) {
+      const { pixels } = this, { data, width, height } = this.image;
       if ((x0 < 0 && x1 < 0) || (y0 < 0 && y1 < 0) || (x0 >= width && x1 >= width) || (y0 >= height && y1 >= height)) return;
       let dx = x1 - x0, dy = y1 - y0, from = 0, to = 1; // the part within the picture
       for (const [p, q] of [[-dx, x0], [dx, width - 1 - x0], [-dy, y0], [dy, height - 1 - y0]]) {
@@ -470,8 +471,9 @@
       const beside = Math.abs(dx) > Math.abs(dy) ? width : 1, last = pixels.length;
       let x = x0 + 0.5, y = y0 + 0.5;
       for (let i = 0; i <= steps; i++, x += sx, y += sy) {
-        const at = (y | 0) * width + (x | 0);
+        const at = (y | 0) * width + (x | 0), before = most ? data[4 * at + 3] : 0;
         pixels[at] = colour;
+        if (before) data[4 * at + 3] = Math.min(255 * most, before + data[4 * at + 3]);
         if (wide && at + beside < last) pixels[at + beside] = colour;
       }
     }
@@ -630,14 +632,14 @@
       let kept = this._caches[name];
       if (!kept) {
         const canvas = document.createElement("canvas");
-        kept = this._caches[name] = { canvas, ctx: canvas.getContext("2d"), key: null, count: 0 };
+        kept = this._caches[name] = { canvas, ctx: canvas.getContext("2d"), key: null, count: 0, marks: [] };
       }
       if (kept.key === key) return [kept, false];
       if (kept.canvas.width !== this.canvas.width || kept.canvas.height !== this.canvas.height) {
         kept.canvas.width = this.canvas.width; kept.canvas.height = this.canvas.height;
       } else kept.ctx.clearRect(0, 0, kept.canvas.width, kept.canvas.height);
       kept.key = key; kept.count = 0;
-      kept.raster = null;
+      kept.raster = null; kept.marks = []; kept.moved = false;
       return [kept, true];
     }
 
@@ -680,17 +682,27 @@
       ctx.fillStyle = colours.free;
       ctx.fillRect(0, 0, canvas.width, canvas.height);
       if (this.layers.regions) this._drawRegions(ctx);
-      ctx.fillStyle = colours.obstacle;
-      for (const rings of scene.obstacles) {
-        ctx.beginPath();
-        for (const ring of rings) ringPath(ctx, ring, this.scale, this.ox, this.oy);
-        ctx.fill("evenodd");
-      }
+      this._drawObstacles(ctx);
       ctx.restore();
       const [xmin, ymin, xmax, ymax] = scene.bounds, [x, y] = this.toScreen(xmin, ymax);
       ctx.strokeStyle = colours.obstacle; ctx.lineWidth = ratio;
       ctx.strokeRect(x, y, (xmax - xmin) * this.scale, (ymax - ymin) * this.scale);
       return canvas;
+    }
+
+    /** Filled; those in space let through what is behind them, and show their outlines. */
+    _drawObstacles(ctx) {
+      const { colours, ratio, scene } = this, spatial = !!scene.robot.view;
+      ctx.fillStyle = ctx.strokeStyle = colours.obstacle;
+      ctx.lineWidth = ratio; ctx.lineJoin = "round";
+      for (const rings of scene.obstacles) {
+        ctx.beginPath();
+        for (const ring of rings) ringPath(ctx, ring, this.scale, this.ox, this.oy);
+        ctx.globalAlpha = spatial ? 0.22 : 1;
+        ctx.fill("evenodd");
+        ctx.globalAlpha = 1;
+        if (spatial) ctx.stroke();
+      }
     }
 
     _drawRegions(ctx) {
@@ -738,60 +750,84 @@
     }
 
     _treeLayer(key) {
-      const { trace, colours, ratio } = this, n = trace.sizes[this.sample], found = trace.energies();
+      const { trace } = this, n = trace.sizes[this.sample], found = trace.energies();
       const lowest = found ? found.lowest.toPrecision(6) : "", size = n <= 1000 ? 0 : n <= MANY ? 1 : 2;
       const own = `${key} ${lowest} ${trace.version} ${size}`;
       let [kept] = this._kept("tree", own);
+      if (size === 2) this._toMark(kept, n);
       if (kept.count > n) { kept.key = null; [kept] = this._kept("tree", own); }
-      if (kept.count === n) return kept.canvas;
-      const { ctx } = kept, first = kept.count, count = n - first;
-      const levels = new Uint8Array(count), sizes = new Uint32Array(LEVELS + 1);
+      if (kept.count === n && !kept.moved) return kept.canvas;
+      if (size === 2) this._treePixels(kept, n, found);
+      else this._treeLines(kept.ctx, this._byLevel(kept.count, n, found), size, found);
+      kept.count = n;
+      return kept.canvas;
+    }
+
+    /** The nodes from `first` to `n`, the best last: `order`, the `level` of each, and where levels begin. */
+    _byLevel(first, n, found) {
+      const count = n - first, levels = new Uint8Array(count), begins = new Uint32Array(LEVELS + 1);
       for (let i = 0; i < count; i++) {
         const off = found ? (found.energy[first + i] - found.lowest) / FLOOR : 0;
         levels[i] = Math.round((1 - Math.min(1, Math.max(0, off || 0))) * (LEVELS - 1));
-        sizes[levels[i] + 1] += 1;
+        begins[levels[i] + 1] += 1;
       }
-      for (let i = 0; i < LEVELS; i++) sizes[i + 1] += sizes[i];
-      const starts = sizes.slice(), order = new Uint32Array(count); // by level, the best on top
-      for (let i = 0; i < count; i++) order[starts[levels[i]]++] = first + i;
-      kept.count = n;
-      if (size === 2) return this._treePixels(kept, order, levels, first, found);
-      const { x, y, parent } = trace, { scale, ox, oy } = this, dots = size < 2, r = (size ? 1.4 : 2.1) * ratio;
-      ctx.lineWidth = (size < 2 ? 1.3 : 1) * ratio;
+      for (let i = 0; i < LEVELS; i++) begins[i + 1] += begins[i];
+      const next = begins.slice(), order = new Uint32Array(count);
+      for (let i = 0; i < count; i++) order[next[levels[i]]++] = first + i;
+      return { order, begins, level: (v) => levels[v - first] };
+    }
+
+    _treeLines(ctx, { order, begins }, size, found) {
+      const { trace: { x, y, parent }, colours, ratio, scale, ox, oy } = this, r = (size ? 1.4 : 2.1) * ratio;
+      ctx.lineWidth = 1.3 * ratio;
       for (let level = 0; level < LEVELS; level++) {
-        if (sizes[level] === sizes[level + 1]) continue;
+        if (begins[level] === begins[level + 1]) continue;
         ctx.strokeStyle = ctx.fillStyle = found ? colours.levels[level] : colours.ink;
         ctx.beginPath();
-        for (let i = sizes[level]; i < sizes[level + 1]; i++) {
+        for (let i = begins[level]; i < begins[level + 1]; i++) {
           const v = order[i], p = parent[v];
           if (p < 0) continue;
           ctx.moveTo(ox + x[p] * scale, oy - y[p] * scale);
           ctx.lineTo(ox + x[v] * scale, oy - y[v] * scale);
         }
         ctx.stroke();
-        if (!dots) continue;
         ctx.beginPath();
-        for (let i = sizes[level]; i < sizes[level + 1]; i++) {
+        for (let i = begins[level]; i < begins[level + 1]; i++) {
           const v = order[i], cx = ox + x[v] * scale, cy = oy - y[v] * scale;
           ctx.moveTo(cx + r, cy);
           ctx.arc(cx, cy, r, 0, TURN);
         }
         ctx.fill();
       }
-      return kept.canvas;
     }
 
-    /** The nodes of `order` (by level) as lines of pixels, for trees of very many. */
-    _treePixels(kept, order, levels, first, found) {
-      const { trace: { x, y, parent }, colours, scale, ox, oy } = this, wide = this.ratio >= 1.5;
+    /** The nodes up to `n` as lines of pixels, for trees of very many. Marks are left on the way, to go back to. */
+    _treePixels(kept, n, found) {
+      const { trace: { x, y, parent, nodes }, colours, scale, ox, oy } = this, wide = this.ratio >= 1.5;
       const palette = found ? colours.levels.map(Raster.packed) : new Array(LEVELS).fill(Raster.packed(colours.ink));
-      kept.raster = kept.raster || new Raster(kept.ctx);
-      for (let i = 0; i < order.length; i++) {
-        const v = order[i], p = parent[v];
-        if (p >= 0) kept.raster.line(ox + x[p] * scale, oy - y[p] * scale, ox + x[v] * scale, oy - y[v] * scale, palette[levels[v - first]], wide);
+      const raster = (kept.raster = kept.raster || new Raster(kept.ctx)), step = Math.ceil(nodes / MARKS);
+      while (kept.count < n) {
+        const end = Math.min(n, (Math.floor(kept.count / step) + 1) * step), { order, level } = this._byLevel(kept.count, end, found);
+        for (const v of order) {
+          const p = parent[v];
+          if (p >= 0) raster.line(ox + x[p] * scale, oy - y[p] * scale, ox + x[v] * scale, oy - y[v] * scale, palette[level(v)], wide);
+        }
+        kept.count = end;
+        if (end % step === 0 && kept.marks.length < MARKS && !kept.marks.some((mark) => mark.count === end)) {
+          kept.marks.push({ count: end, pixels: raster.pixels.slice() });
+        }
       }
-      kept.raster.show();
-      return kept.canvas;
+      raster.show();
+      kept.moved = false;
+    }
+
+    /** Back, or on, to the picture of the last mark that has no more than `n` nodes. */
+    _toMark(kept, n) {
+      const mark = kept.marks.reduce((best, one) => (one.count <= n && one.count > best.count ? one : best), { count: 0 });
+      if (!mark.count || (kept.count <= n && kept.count >= mark.count)) return;
+      kept.raster.pixels.set(mark.pixels);
+      kept.count = mark.count;
+      kept.moved = true; // the canvas does not show it yet
     }
 
     _failuresLayer(key) {
@@ -919,7 +955,7 @@
       if (stale) {
         if (view.kind === "graph") this._drawGraph(kept.ctx, view);
         else this._drawImage(kept.ctx, view.kind === "cells" ? this._cells() : this._field(view));
-        if (view.kind !== "graph") this._obstaclesAgain(kept.ctx);
+        if (view.kind !== "graph") this._drawObstacles(kept.ctx);
       }
       ctx.drawImage(kept.canvas, 0, 0);
     }
@@ -935,10 +971,12 @@
       for (const [level, members] of [...groups].sort((a, b) => a[0] - b[0])) {
         const removed = level === 9;
         if (many) {
-          const colour = Raster.packed(removed ? colours.failure : level ? colours.heavy[level - 1] : colours.graph, removed ? 0.26 : level ? 0.6 : 0.4);
+          const deep = this.scene.robot.view ? 0.5 : 1; // in space, many lie behind each other
+          const faint = deep * Math.min(0.4, Math.max(0.1, (0.4 * MANY) / edges.length)); // the more, the fainter each
+          const colour = Raster.packed(removed ? colours.failure : level ? colours.heavy[level - 1] : colours.graph, removed ? 0.26 : level ? 0.6 : faint);
           for (const e of members) {
             const [a, b] = [points[edges[e][0]], points[edges[e][1]]];
-            raster.line(ox + a[0] * scale, oy - a[1] * scale, ox + b[0] * scale, oy - b[1] * scale, colour, level && !removed);
+            raster.line(ox + a[0] * scale, oy - a[1] * scale, ox + b[0] * scale, oy - b[1] * scale, colour, level && !removed, level ? 0 : 0.5 * deep);
           }
           continue;
         }
@@ -962,15 +1000,6 @@
       const [x, y] = this.toScreen(bounds[0], bounds[3]);
       ctx.imageSmoothingEnabled = smooth;
       ctx.drawImage(image, x, y, (bounds[2] - bounds[0]) * this.scale, (bounds[3] - bounds[1]) * this.scale);
-    }
-
-    _obstaclesAgain(ctx) {
-      ctx.fillStyle = this.colours.obstacle;
-      for (const rings of this.scene.obstacles) {
-        ctx.beginPath();
-        for (const ring of rings) ringPath(ctx, ring, this.scale, this.ox, this.oy);
-        ctx.fill("evenodd");
-      }
     }
 
     /** h as shades in twelve steps, the strongest where it is least; nothing where there is no way. */
