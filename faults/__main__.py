@@ -18,7 +18,7 @@ Part = Callable[[int, float], list[Tally]]
 
 
 def _parts() -> dict[str, Part]:
-    from faults import api, files, processes, references
+    from faults import api, files, hostile, processes, references
 
     return {
         "motions": references.motions,
@@ -26,6 +26,8 @@ def _parts() -> dict[str, Part]:
         "distances": references.distances,
         "proofs": references.proofs,
         "files": files.mutate,
+        "maps": hostile.bad_maps,
+        "resets": hostile.resets,
         "api": api.fuzz,
         "kills": processes.kills,
         "disks": processes.disks,

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import importlib.util
 import io
 import json
 import shutil
@@ -26,6 +27,11 @@ _RUNS_CODE = {
     "os.posix_spawn",
     "socket.connect",
 }
+_URDF = """<robot name="arm"><link name="base"/>
+<link name="hand"><collision><geometry><sphere radius="0.05"/></geometry></collision></link>
+<joint name="turn" type="revolute"><parent link="base"/><child link="hand"/><axis xyz="0 1 0"/>
+<origin xyz="0 0 0.3" rpy="0 0 0"/><limit lower="-1" upper="2" effort="1" velocity="1"/></joint></robot>
+"""
 _seen: list[str] = []
 
 
@@ -88,6 +94,12 @@ def _samples(folder: Path) -> dict[str, tuple[Path, Callable[[Path], Any]]]:
             "occupied_thresh: 0.65\nfree_thresh: 0.2\n"
         )
         found["ROS map"] = folder / "map.yaml", gg.read_map
+        found["ROS map's picture"] = folder / "map.pgm", lambda p: gg.read_map(p.with_suffix(".yaml"))
+    (folder / "map.scen").write_text("version 1\n3\tmap.map\t4\t4\t0\t0\t3\t3\t4.24264069\n")
+    found["MovingAI scenario"] = folder / "map.scen", gg.read_scenario
+    if importlib.util.find_spec("yourdfpy") is not None:
+        (folder / "arm.urdf").write_text(_URDF)
+        found["URDF"] = folder / "arm.urdf", gg.SpatialArm.from_urdf
     return found
 
 
@@ -146,14 +158,15 @@ def mutate(seed: int, share: float) -> list[Tally]:
                     file.write_bytes(damaged(whole, rng))
                     for other in (f"{file}-wal", f"{file}-shm"):
                         Path(other).unlink(missing_ok=True)
-                    trouble = _trouble(read, file)
-                    tally.check(trouble is None, f"seed {seed}, {kind}, number {number}: {trouble}")
+                    wrong = trouble(read, file)
+                    tally.check(wrong is None, f"seed {seed}, {kind}, number {number}: {wrong}")
             file.write_bytes(whole)
             out.append(tally)
     return out
 
 
-def _trouble(read: Callable[[Path], Any], file: Path) -> str | None:
+def trouble(read: Callable[[Path], Any], file: Path) -> str | None:
+    """What is wrong with how a file is read; None if nothing is, errors of this package included."""
     _seen.clear()
     try:
         with limited(), warnings.catch_warnings(), contextlib.redirect_stderr(io.StringIO()):

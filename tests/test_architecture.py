@@ -5,9 +5,11 @@ from __future__ import annotations
 import ast
 import importlib.util
 import os
+import re
 import subprocess
 import sys
 import textwrap
+import tomllib
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -16,6 +18,7 @@ import pytest
 # Each room may import itself and those before it.
 ROOMS = ("guided_gym", "guided_gym.envs", "guided_gym.agents", "guided_gym.train")
 HEAVY = ("torch", "ompl", "pygame", "matplotlib", "networkx", "stable_baselines3", "scipy.spatial", "pandas")
+REPOSITORY = Path(__file__).resolve().parents[1]
 LONGEST_FUNCTION = 60  # lines, without the docstring
 
 
@@ -155,9 +158,8 @@ def test_only_these_know_the_truth() -> None:
 def test_docs_and_examples_import_public_names_only() -> None:
     import guided_gym
 
-    repository = Path(__file__).resolve().parents[1]
-    pages = [repository / "README.md", *sorted((repository / "docs").glob("*.md"))]
-    pages += sorted((repository / "examples").glob("*.py"))
+    pages = [REPOSITORY / "README.md", *sorted((REPOSITORY / "docs").glob("*.md"))]
+    pages += sorted((REPOSITORY / "examples").glob("*.py"))
     wrong = []
     for page in pages:
         for line in page.read_text(encoding="utf-8").splitlines():
@@ -180,6 +182,79 @@ def test_public_names_are_where_the_table_says() -> None:
 def test_no_module_is_a_cellar() -> None:
     cellars = {"utils", "util", "helpers", "misc", "common"}
     assert [name for _, name, _ in MODULES if name.split(".")[-1].strip("_") in cellars] == []
+
+
+# Modules that are called otherwise than what installs them.
+MODULE_OF = {"pillow": "PIL", "pyyaml": "yaml", "pycollada": "collada", "scikit-fmm": "skfmm"}
+# What is needed and imported by others, or run as a program.
+UNSEEN = {
+    "pycollada": "trimesh reads a mesh format of URDF files by it",
+    "tensorboard": "torch writes its files by it",
+    "types-pyyaml": "mypy reads it",
+    "ruff": "a program",
+    "mypy": "a program",
+    "pytest-timeout": "an option of pytest",
+    "pytest-xdist": "an option of pytest",
+    "mkdocs-material": "the theme of the site",
+    "mkdocstrings": "a plugin of mkdocs",
+}
+FOR_DEVELOPERS = ("bench", "docs", "check", "dev")  # extras; tests and benchmarks may be all that uses them
+
+
+def _wanted(file: Path) -> Iterator[str]:
+    """Top-level modules that a file imports, or names in a call: ``import_module("toppra")``."""
+    for node in ast.walk(ast.parse(file.read_text(encoding="utf-8"))):
+        if isinstance(node, ast.Import):
+            yield from (alias.name.partition(".")[0] for alias in node.names)
+        elif isinstance(node, ast.ImportFrom) and not node.level:
+            yield (node.module or "").partition(".")[0]
+        elif isinstance(node, ast.Call):
+            texts = (a.value for a in node.args if isinstance(a, ast.Constant) and isinstance(a.value, str))
+            yield from (text.partition(".")[0] for text in texts)
+
+
+def _declared() -> dict[str, list[str]]:
+    """The distributions of each extra; the package's own dependencies under an empty name."""
+    project = tomllib.loads((REPOSITORY / "pyproject.toml").read_text(encoding="utf-8"))["project"]
+    needs = {"": project["dependencies"], **project["optional-dependencies"]}
+    names = {extra: [re.split(r"[\[<>=,; ]", need)[0] for need in all_of] for extra, all_of in needs.items()}
+    return {extra: [name for name in all_of if name != "guided-gym"] for extra, all_of in names.items()}
+
+
+def _module(distribution: str) -> str:
+    return MODULE_OF.get(distribution, distribution.replace("-", "_"))
+
+
+def test_every_dependency_is_used() -> None:
+    package = {name for _, _, file in MODULES for name in _wanted(file)}
+    folders = ("tests", "benchmarks", "faults", "docs", "examples")
+    files = [file for folder in folders for file in (REPOSITORY / folder).rglob("*.py")]
+    anywhere = package | {name for file in files for name in _wanted(file)}
+    idle = [
+        f"{distribution} ({extra or 'core'})"
+        for extra, distributions in _declared().items()
+        for distribution in distributions
+        if distribution not in UNSEEN
+        and _module(distribution) not in (anywhere if extra in FOR_DEVELOPERS else package)
+    ]
+    assert idle == []
+
+
+def test_every_import_is_declared() -> None:
+    modules = {extra: {_module(name) for name in names} for extra, names in _declared().items()}
+    at_import = {*sys.stdlib_module_names, "guided_gym", "llvmlite", *modules[""]}  # llvmlite is numba's
+    known = at_import.union(*modules.values())
+    wrong = []
+    for room, name, file in MODULES:
+        tree = ast.parse(file.read_text(encoding="utf-8"))
+        for node in ast.walk(tree):
+            if not isinstance(node, ast.Import | ast.ImportFrom) or getattr(node, "level", 0):
+                continue
+            names = [a.name for a in node.names] if isinstance(node, ast.Import) else [node.module or ""]
+            # The core and the environments have to load without any extra.
+            needed = at_import if room in ROOMS[:2] and node in tree.body else known
+            wrong += [f"{name}: {one}" for one in names if one.partition(".")[0] not in needed]
+    assert wrong == []
 
 
 def test_functions_fit_on_a_screen() -> None:

@@ -11,6 +11,8 @@ import contextlib
 import json
 import math
 import re
+import struct
+import zlib
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -397,12 +399,12 @@ def inside_folder(folder: Path, name: str, path: Path) -> Path:
     """
     try:
         target = (folder / name).resolve()
-        inside = target.is_relative_to(folder.resolve())
+        inside, there = target.is_relative_to(folder.resolve()), target.is_file()
     except (OSError, ValueError, RuntimeError) as error:
         raise InvalidInputError(f"image: expected the name of a file, got {shown(name)}: {error}") from None
     if not inside:
         raise InvalidInputError(f"image: expected a file in {folder} or below, got {shown(name)}")
-    if not target.is_file():
+    if not there:
         raise StorageError(f"{path}: image: expected a picture at {target}, but there is no such file")
     return target
 
@@ -420,18 +422,51 @@ def read_picture(path: Path) -> tuple[FloatArray, FloatArray | None]:
     if path.suffix.lower() == ".pgm":
         return read_pgm(path), None
     image_module = needed("PIL.Image", "pillow")
-    read_bytes(path)
+    content = read_bytes(path)
     try:
         with image_module.open(path, formats=_PICTURES) as image:
             width, height = image.size
             if width * height > MOST_CELLS:
                 raise StorageError(f"{path}: expected at most {MOST_CELLS} pixels, got {width} x {height}")
+            if image.format == "PNG":
+                _check_png(path, content)
             image.load()
             return _channels(image)
     except GuidedGymError:
         raise
     except Exception as error:  # pillow's readers raise many kinds on damaged files
         raise StorageError(f"{path}: expected a whole picture, got: {error}") from error
+
+
+_PNG_CHANNELS: Final = {0: 1, 2: 3, 3: 1, 4: 2, 6: 4}
+_PNG_PASSES: Final = (
+    (0, 0, 8, 8), (4, 0, 8, 8), (0, 4, 4, 8), (2, 0, 4, 4), (0, 2, 2, 4), (1, 0, 2, 2), (0, 1, 1, 2),
+)  # fmt: skip
+
+
+def _check_png(path: Path, content: bytes) -> None:
+    """Refuse a PNG that has fewer rows than it says: pillow takes the rest for black.
+
+    Raises:
+        StorageError: It does.
+        struct.error, zlib.error, KeyError: It is damaged in another way.
+    """
+    width, height, bits, kind, _, _, interlaced = struct.unpack(">IIBBBBB", content[16:29])
+    passes = _PNG_PASSES if interlaced else ((0, 0, 1, 1),)
+    sizes = [(max(0, -((x - width) // dx)), max(0, -((y - height) // dy))) for x, y, dx, dy in passes]
+    wanted = sum(
+        rows * (1 + (columns * bits * _PNG_CHANNELS[kind] + 7) // 8) for columns, rows in sizes if columns
+    )
+    unpacker, place, found = zlib.decompressobj(), 8, 0
+    while place + 8 <= len(content) and found < wanted and not unpacker.eof:
+        size = int.from_bytes(content[place : place + 4], "big")
+        packed = content[place + 8 : place + 8 + size] if content[place + 4 : place + 8] == b"IDAT" else b""
+        while packed and found < wanted:
+            found += len(unpacker.decompress(packed, 2**20))
+            packed = unpacker.unconsumed_tail
+        place += 12 + size
+    if found < wanted:
+        raise StorageError(f"{path}: expected {wanted} bytes of pixels, got {found}")
 
 
 def _channels(image: Any) -> tuple[FloatArray, FloatArray | None]:
@@ -481,14 +516,26 @@ def read_pgm(path: Path) -> FloatArray:
     return np.asarray(values.reshape(height, width) / float(most))
 
 
+_SPACE: Final = re.compile(rb"\s")
+_PIECE: Final = 2**20  # bytes
 _PGM_TOKEN: Final = re.compile(rb"(?:\s|#[^\n]*(?:\n|$))*(\d{1,9})(?!\d)")
 
 
 def _plain_values(path: Path, text: bytes, count: int) -> npt.NDArray[Any]:
-    words = re.sub(rb"#[^\n]*", b"", text).split()
-    if len(words) < count or not all(word.isdigit() and len(word) < 7 for word in words[:count]):
-        raise StorageError(f"{path}: expected {count} values, got {len(words)} words")
-    return np.array([int(word) for word in words[:count]])
+    values, found, place = np.empty(count, np.int32), 0, 0
+    text = re.sub(rb"#[^\n]*", b"", text)
+    while found < count and place < len(text):  # piece by piece: words take many times the room of the text
+        space = _SPACE.search(text, place + _PIECE)
+        end = space.start() if space else len(text)
+        words = text[place:end].split()[: count - found]
+        if not all(word.isdigit() and len(word) < 7 for word in words):
+            bad = next(word for word in words if not (word.isdigit() and len(word) < 7))
+            raise StorageError(f"{path}: expected {count} values, got {shown(bad[:40])} among them")
+        values[found : found + len(words)] = list(map(int, words))
+        found, place = found + len(words), end
+    if found < count:
+        raise StorageError(f"{path}: expected {count} values, got {found}")
+    return values
 
 
 def _binary_values(path: Path, content: bytes, count: int, size: int) -> npt.NDArray[Any]:

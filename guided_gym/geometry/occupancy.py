@@ -11,7 +11,7 @@ import numpy as np
 import numpy.typing as npt
 import shapely
 
-from guided_gym.checks import integer, number, shown
+from guided_gym.checks import affordable, integer, number, shown
 from guided_gym.errors import InvalidInputError
 from guided_gym.geometry.convex import Pieces
 
@@ -42,6 +42,9 @@ _CORNERS: dict[int, tuple[_Corner, ...]] = {
 
 MOST_CELLS: Final = 2**26
 """Cells of the largest raster that is taken: 8,192 x 8,192."""
+
+_CORNER_BYTES: Final = 300
+"""Bytes that a corner takes until it is part of an obstacle, about."""
 
 _EDGE: Final = 1e-6
 """Cells: what lies less deep in a cell only touches it."""
@@ -125,7 +128,7 @@ def cell_obstacles(
         outside: Whether what lies in the bounds of a turned raster, but not in the raster, is an obstacle.
 
     Raises:
-        InvalidInputError: A number out of range.
+        InvalidInputError: A number out of range, or boundaries that would take more memory than is allowed.
     """
     resolution = number("resolution", resolution, above=0, what="length")
     simplify = number("simplify", simplify, least=0, what="length")
@@ -242,6 +245,10 @@ def _corners(occupied: BoolArray, labels: npt.NDArray[Any]) -> tuple[IntArray, .
     padded = np.pad(occupied, 1).astype(np.uint8)
     code = padded[:-1, :-1] * np.uint8(_BELOW_LEFT) + padded[:-1, 1:] * np.uint8(_BELOW_RIGHT)
     code += padded[1:, :-1] * np.uint8(_ABOVE_LEFT) + padded[1:, 1:] * np.uint8(_ABOVE_RIGHT)
+    number_of = sum(
+        int(np.count_nonzero(code == value)) * len(corners) for value, corners in _CORNERS.items()
+    )
+    affordable("occupancy", number_of, number_of * _CORNER_BYTES, "boundaries with so many corners")
     around = np.pad(labels, 1)
     columns: list[IntArray] = []
     for value, corners in _CORNERS.items():

@@ -227,7 +227,8 @@ def candidate_values(
         spread = max(spread, separation(middle, q[i], metric))
     if separation(middle, points[goal], metric) <= away[-1]:
         some, away = np.append(some, goal), np.append(away, away[-1])
-    close = _around(middle[None], 0, lessons, taught, farthest, 2.0 * spread + away[-1], metric)
+    alone = middle.reshape(1, middle.size)
+    close = _around(alone, 0, lessons, taught, farthest, 2.0 * spread + away[-1], metric)
     out = np.full(n, np.inf)
     lengths, ids = np.empty(k), np.empty(k, np.int64)
     weights, periods = metric

@@ -53,7 +53,7 @@ def test_another_error_than_ours_and_a_hang_are_found(tmp_path):
     def breaks(path: Path) -> None:
         raise KeyError("x")
 
-    assert "KeyError" in str(files._trouble(breaks, tmp_path))
+    assert "KeyError" in str(files.trouble(breaks, tmp_path))
     with pytest.raises(Overtime), limited(0.05):
         while True:
             pass

@@ -6,7 +6,9 @@ import heapq
 import importlib.util
 import json
 import math
+import struct
 import time
+import zlib
 from pathlib import Path
 
 import numpy as np
@@ -244,6 +246,81 @@ def test_pictures__that_unpack_to_gigabytes_are_refused_at_once(tmp_path: Path) 
     with pytest.raises(StorageError, match=r"it\.png"):
         read_map(tmp_path / "it.png", MapOptions(resolution=1.0))
     assert time.perf_counter() - began < 5.0
+
+
+def test_pictures__with_boundaries_of_gigabytes_are_refused(tmp_path: Path, monkeypatch) -> None:
+    monkeypatch.setenv("GUIDED_GYM_MAX_MEMORY", str(10**6))
+    cells = np.random.default_rng(0).integers(0, 2, (120, 120)).astype(bool)
+    np.save(tmp_path / "it.npy", cells)
+    with pytest.raises(InvalidInputError, match=r"it\.npy: .*corners would take"):
+        read_map(tmp_path / "it.npy", MapOptions(resolution=1.0))
+    cells[:, 20:] = False
+    np.save(tmp_path / "it.npy", cells)
+    assert read_map(tmp_path / "it.npy", MapOptions(resolution=1.0)).obstacles
+
+
+@pytest.mark.parametrize(
+    ("mode", "options"),
+    [
+        ("1", {}),
+        ("L", {}),
+        ("LA", {}),
+        ("P", {}),
+        ("P", {"bits": 2}),
+        ("RGB", {}),
+        ("RGBA", {}),
+        ("I;16", {}),
+    ],
+)
+@pytest.mark.parametrize("size", [(1, 1), (3, 5), (17, 9), (40, 23)])
+def test_pngs__with_fewer_rows_than_they_say_are_refused(
+    tmp_path: Path, mode: str, options: dict[str, int], size: tuple[int, int]
+) -> None:
+    """Pillow takes what is missing for black, without a word, where the packed data ends as it should."""
+    file = tmp_path / "it.png"
+    Image.new(mode, size).save(file, **options)
+    assert read_picture(file)[0].shape == size[::-1]
+    content = file.read_bytes()
+    at = content.index(b"IDAT")
+    length = int.from_bytes(content[at - 4 : at], "big")
+    rows = zlib.decompress(content[at + 4 : at + 4 + length])
+    for cut in (rows[:-1], rows[: len(rows) // 2], b""):
+        packed = b"IDAT" + zlib.compress(cut)
+        chunk = struct.pack(">I", len(packed) - 4) + packed + struct.pack(">I", zlib.crc32(packed))
+        file.write_bytes(content[: at - 4] + chunk + content[at + 8 + length :])
+        with pytest.raises(StorageError, match=rf"expected {len(rows)} bytes of pixels, got {len(cut)}"):
+            read_picture(file)
+
+
+@pytest.mark.parametrize("size", [(1, 1), (2, 3), (5, 4), (9, 17), (64, 3)])
+def test_pngs__that_are_interlaced_are_whole(tmp_path: Path, size: tuple[int, int]) -> None:
+    """Adam7 by hand: pillow writes none."""
+    width, height = size
+    pixels = np.random.default_rng(0).integers(0, 256, (height, width)).astype(np.uint8)
+    passes = (
+        (0, 0, 8, 8),
+        (4, 0, 8, 8),
+        (0, 4, 4, 8),
+        (2, 0, 4, 4),
+        (0, 2, 2, 4),
+        (1, 0, 2, 2),
+        (0, 1, 1, 2),
+    )
+    parts = [pixels[y::dy, x::dx] for x, y, dx, dy in passes]
+    rows = b"".join(b"\0" + row.tobytes() for part in parts if part.size for row in part)
+
+    def chunk(kind: bytes, data: bytes) -> bytes:
+        return struct.pack(">I", len(data)) + kind + data + struct.pack(">I", zlib.crc32(kind + data))
+
+    def written(data: bytes) -> Path:
+        header = chunk(b"IHDR", struct.pack(">IIBBBBB", width, height, 8, 0, 0, 0, 1))
+        packed = chunk(b"IDAT", zlib.compress(data))
+        (tmp_path / "it.png").write_bytes(b"\x89PNG\r\n\x1a\n" + header + packed + chunk(b"IEND", b""))
+        return tmp_path / "it.png"
+
+    assert np.array_equal(read_picture(written(rows))[0] * 255.0, pixels)
+    with pytest.raises(StorageError, match="bytes of pixels"):
+        read_picture(written(rows[:-1]))
 
 
 def test_pictures__cut_off_are_refused(tmp_path: Path) -> None:
