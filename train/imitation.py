@@ -8,7 +8,6 @@ that search best on validation problems are kept.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any, Final
@@ -19,114 +18,81 @@ from numpy.typing import NDArray
 from torch import Tensor
 from torch.nn import functional
 
-from guided_gym.catalogue.table import make_distribution
 from guided_gym.checks import count, integer, shown
-from guided_gym.compute.workers import MapTasks, Workers, in_order, worker_pool
+from guided_gym.compute.workers import Workers, worker_pool
 from guided_gym.errors import InvalidInputError
 from guided_gym.guidance.learned import field as field_module
 from guided_gym.guidance.learned import weights
 from guided_gym.guidance.learned.agent import LearnedAgent, LearnedGuidance
 from guided_gym.guidance.learned.field import FieldArchitecture, FieldModel, decoder_input, encoder_columns
-from guided_gym.guidance.learned.scored import ScoredGuidance
-from guided_gym.guidance.learned.scorer import ScorerArchitecture, ScorerColumn, ScorerModel
+from guided_gym.guidance.learned.scorer import ScorerArchitecture, ScorerModel
 from guided_gym.guidance.solvers.wave import CostField, check_grid
 from guided_gym.kernels import fields
-from guided_gym.measure.target import Measure
-from guided_gym.options import checked_samples
-from guided_gym.randomness import seed_of, streams
-from guided_gym.search.search import Expansion, Search
+from guided_gym.randomness import seed_of
 from guided_gym.train import networks
-from guided_gym.train.checkpoints import RunFolder, check_board
-from guided_gym.train.lessons import SHARD, Lesson, lessons, mixed_problem
+from guided_gym.train.checkpoints import check_board
+from guided_gym.train.lessons import SHARD, Lesson, lessons
 from guided_gym.train.specs import package_version
+from guided_gym.train.staged import AGENT_FOLDER, Progress, StagedConfig, StagedRun, Tensors, put_moments
 from guided_gym.train.symmetries import SYMMETRIES, turned, turned_back
-from guided_gym.train.validation import rank, validated
 
-Tensors = dict[str, NDArray[Any]]
-Progress = Callable[[int, int, str], None]
-Tree = tuple[NDArray[np.float32], NDArray[np.float32]]
-"""(n, columns) what the scorer sees of a tree's nodes, and (n,) the target distribution over them."""
-
-AGENT_FOLDER: Final = "agent"
-_DATA_SEED, _ENCODER_SEED, _DECODER_SEED, _SCORER_SEED = range(4)
+_DATA_SEED, _ENCODER_SEED, _DECODER_SEED = range(3)
 _BETA: Final = 0.02  # errors below this part of the distance count by their square
 _NEAREST: Final = 0.1  # sides of the square below which errors are no longer taken relative to the distance
-_STEPS_KEPT: Final = 16  # of a search, for the scorer
-_TREES_A_BATCH: Final = 32
 _POSES_A_BATCH: Final = 512
 
-# Bytes, about: what lessons, a round's trees and the scorer take.
+# Bytes, about: what lessons take.
 _POSE: Final = 32  # a pose and its cost
 _HEADING: Final = 4  # room of a pose, or a sample of the distance
-_TREE: Final = 16 * 1024 * 60  # of the steps kept, each with its columns of some 1,000 nodes
-_UNIT: Final = 100_000  # with its row of weights, Adam's moments, and its values in a batch of trees
 
 
 @dataclass(frozen=True)
-class ImitationConfig:
-    """Options of a run; a TOML file holds the same names.
+class ImitationConfig(StagedConfig):
+    """Options of a run; a TOML file holds the same names. `StagedConfig` has the others.
 
     Attributes:
-        environments: Distributions of problems, taken in turns.
-        seed: Of everything random. The same seed gives the same weights on one machine.
-        problems: Training problems.
-        validation: Validation problems.
         poses: Poses of each training problem that the oracle is asked about.
         encoder_steps: Steps of gradient descent of the encoder.
         decoder_epochs: Passes of the decoder over the training problems; 0 leaves the wave uncorrected.
         batch: Problems a step of the decoder.
-        rounds: Rounds of DAgger; 0 keeps the scorer that has learned nothing.
-        searches: Searches a round.
-        scorer_steps: Steps of gradient descent a round.
         divergence: ``"forward"`` minimises D_KL(Q || P), ``"reverse"`` D_KL(P || Q).
         learning_rate: At the start of each stage; it falls to nothing along a cosine.
-        max_samples: Samples after which a search gives up.
         device: ``"cpu"`` or ``"cuda"``.
         tensorboard: Whether to write TensorBoard files too.
         cells: Cells along each side of the raster.
         headings: Headings of the grid.
         planning: Whether the field has its wave; without, the decoder has to learn all by itself.
-        scorer_hidden: Units of each layer of the scorer.
 
     Raises:
         InvalidInputError: An option that is out of range.
     """
 
     environments: tuple[str, ...] = ("RandomSimplePassage",)
-    seed: int = 0
     problems: int = 512
     validation: int = 64
+    rounds: int = 3
+    searches: int = 96
     poses: int = 1024
     encoder_steps: int = 500
     decoder_epochs: int = 10
     batch: int = 16
-    rounds: int = 3
-    searches: int = 96
-    scorer_steps: int = 400
     divergence: str = "forward"
     learning_rate: float = 2e-3
-    max_samples: int = 300
     device: str = "cpu"
     tensorboard: bool = False
     cells: int = 56
     headings: int = 16
     planning: bool = True
-    scorer_hidden: int = 32
 
     def __post_init__(self) -> None:
-        integer("seed", self.seed, least=0)
-        for name in ("encoder_steps", "decoder_epochs", "rounds", "scorer_steps"):
+        super().__post_init__()
+        for name in ("encoder_steps", "decoder_epochs"):
             integer(name, getattr(self, name), least=0)
         integer("poses", self.poses, least=1)
         check_grid(self.cells, self.headings)
         lesson = _POSE * self.poses + _HEADING * self.cells**2 * (self.headings + fields.FINE**2)
         for name in ("problems", "validation", "batch"):
             count(name, getattr(self, name), least=1, each=lesson, what="the lessons of so many problems")
-        checked_samples(self.max_samples)
-        count("searches", self.searches, least=1, each=_TREE, what="the trees of a round")
-        count("scorer_hidden", self.scorer_hidden, least=1, each=_UNIT, what="a scorer of so many units")
-        if not self.environments:
-            raise InvalidInputError("environments: expected at least one, got none")
         if self.divergence not in ("forward", "reverse"):
             raise InvalidInputError(
                 f"divergence: expected 'forward' or 'reverse', got {shown(self.divergence)}"
@@ -174,60 +140,42 @@ def train_imitation(
         UnknownNameError: No such environment.
         StorageError: The folder holds another run, or a damaged file.
     """
-    run = _Run(config, out, progress or (lambda done, total, what: None))
+    run = _Run(config, out, progress)
     with worker_pool(workers) as run.search:
         return run.all_stages()
 
 
-class _Run:
-    """One run: networks, state and stages."""
+class _Run(StagedRun):
+    """One run: networks and stages."""
 
-    def __init__(self, config: ImitationConfig, out: Path, progress: Progress) -> None:
-        self.config, self.progress = config, progress
-        self.search: MapTasks = in_order
-        self.device = checked_device(config.device)
+    method = "imitation"
+    config: ImitationConfig
+
+    def __init__(self, config: ImitationConfig, out: Path, progress: Progress | None) -> None:
+        device = checked_device(config.device)
         check_board(config.tensorboard)
-        self.distributions = [make_distribution(name) for name in config.environments]
+        begun: dict[str, Any] = {"encoder": 0, "epochs": 0, "rounds": 0}
+        super().__init__(config, out, progress, begun, device)
         self.architecture, self.scorer_architecture = config.field(), config.scorer()
-        self.folder = RunFolder(out, config, "imitation")
         torch.manual_seed(config.seed)
         torch.set_num_threads(1)
-        self.encoder = networks.Encoder(self.architecture).to(self.device)
-        self.decoder = networks.Decoder(self.architecture).to(self.device)
-        self.scorer = networks.NodeScorer(self.scorer_architecture).to(self.device)
-        self.state: dict[str, Any] = {"encoder": 0, "epochs": 0, "rounds": 0, "history": [], "best": None}
-        self.best: Tensors = {}
-        self.moments: Tensors = {}
+        self.encoder = networks.Encoder(self.architecture).to(device)
+        self.decoder = networks.Decoder(self.architecture).to(device)
+        self.scorer = networks.NodeScorer(self.scorer_architecture).to(device)
         self.writer = _board(out) if config.tensorboard else None
-        self._restore()
+        self.restore()
 
-    # Files
-
-    def _tensors(self) -> Tensors:
+    def tensors(self) -> Tensors:
+        """Those of the field and of the scorer."""
         field = networks.field_tensors(self.encoder, self.decoder)
         scorer = networks.scorer_tensors(self.scorer)
         named = {f"field.{name}": t for name, t in field.items()}
         return {**named, **{f"scorer.{name}": t for name, t in scorer.items()}}
 
-    def _load(self, tensors: Tensors) -> None:
+    def load(self, tensors: Tensors) -> None:
+        """Take weights that `tensors` gave."""
         networks.load_field(self.encoder, self.decoder, weights.part_of(tensors, "field"))
         networks.load_scorer(self.scorer, weights.part_of(tensors, "scorer"))
-
-    def _restore(self) -> None:
-        """Continue from the last checkpoint, if there is one."""
-        loaded = self.folder.load()
-        if loaded is None:
-            return
-        self.state, tensors = loaded
-        self._load(weights.part_of(tensors, "now", "/"))
-        self.best, self.moments = (weights.part_of(tensors, group, "/") for group in ("best", "adam"))
-
-    def _save(self, optimizer: torch.optim.Optimizer | None = None) -> None:
-        self.moments = moments_of(optimizer) if optimizer is not None else {}
-        tensors = {f"now/{name}": t for name, t in self._tensors().items()}
-        tensors.update({f"best/{name}": t for name, t in self.best.items()})
-        tensors.update({f"adam/{name}": t for name, t in self.moments.items()})
-        self.folder.save(self.state, tensors)
 
     # Stages
 
@@ -294,9 +242,9 @@ class _Run:
         with torch.no_grad():
             right = ((self.encoder(x.to(self.device)) > 0).cpu() == (y > 0.5)).float().mean()
         self.state["encoder"] = 1
-        self._note("encoder", accuracy=float(right))
-        self._consider("encoder")
-        self._save()
+        self.note("encoder", accuracy=float(right))
+        self.consider("encoder", self.searcher())
+        self.save()
 
     def _train_decoder(self) -> None:
         """What the wave's arrival lacks to d_C at poses between those of the grid."""
@@ -320,10 +268,10 @@ class _Run:
             self.state["epochs"] = epoch + 1
             with torch.no_grad():
                 error = float(np.mean([self._error(example) for example in held_out]))
-            self._note("decoder", epoch=epoch + 1, loss=float(np.mean(losses)), validation_error=error)
+            self.note("decoder", epoch=epoch + 1, loss=float(np.mean(losses)), validation_error=error)
             if self.state["epochs"] == config.decoder_epochs:
-                self._consider("decoder")
-            self._save(optimizer)
+                self.consider("decoder", self.searcher())
+            self.save(optimizer)
             self._step(f"the decoder, error {100 * error:.2f} %")
 
     def _decoder_loss(self, batch: list[_Example], rng: np.random.Generator) -> Tensor:
@@ -343,76 +291,29 @@ class _Run:
         return float(example.relative_errors(maps, np.arange(len(example.targets))).abs().mean())
 
     def _train_scorer(self) -> None:
-        """One round of DAgger: search with the policy as it is, then learn Q on all trees seen so far."""
-        config, number = self.config, self.state["rounds"]
-        name = f"data/trees-{number:03d}.safetensors"
-        if not (self.folder.path / name).exists():
-            self.folder.keep(name, {"round": number}, joined_trees(self._searched_trees(number)))
-        trees = [tree for i in range(number + 1) for tree in _trees(self.folder.path, i)]
-        rng = _generator(config.seed, _SCORER_SEED, number)
-        optimizer, schedule = networks.adam(self.scorer, config.learning_rate, config.scorer_steps)
-        losses = []
-        for _ in range(config.scorer_steps if trees else 0):
-            batch = [trees[i] for i in rng.integers(len(trees), size=_TREES_A_BATCH)]
-            loss = tree_loss(self.scorer, batch, config.divergence, self.device)
-            losses.append(networks.descend(loss, optimizer, schedule))
+        """One round of DAgger."""
+        number = self.state["rounds"]
+        self.train_scorer(number, self.config.learning_rate, self.config.divergence)
         self.state["rounds"] = number + 1
-        late = float(np.mean(losses[-50:])) if losses else 0.0
-        self._note("scorer", round=number + 1, loss=late, trees=len(trees))
-        self._consider(f"round {number + 1}")
-        self._save()
+        self.consider(f"round {number + 1}", self.searcher())
+        self.save()
 
-    def _searched_trees(self, number: int) -> list[Tree]:
-        """Columns and targets of trees along searches of this round; every other search draws its nodes."""
-        config = self.config
-        agent = self._agent()
-        kept: list[Tree] = []
-        for i in range(config.searches):
-            index = (number * config.searches + i) % config.problems
-            problem = mixed_problem(self.distributions, "train", index)
-            guidance = LearnedGuidance(agent, temperature=float(i % 2))
-            _, expansion, choice = streams(seed_of(config.seed, _SCORER_SEED, number, i))
-            search = Search(problem, expansion, choice)
-            search.attach(guidance)
-            lessons = TreeLessons(guidance, search)
-            search.run(guidance, config.max_samples, watcher=lessons)
-            kept.extend(lessons.some(_STEPS_KEPT))
-        return kept
-
-    # Validation
-
-    def _agent(self) -> LearnedAgent:
+    def searcher(self, temperature: float = 0.0) -> LearnedGuidance:
+        """The policy as it is."""
         field = FieldModel(self.architecture, networks.field_tensors(self.encoder, self.decoder))
         scorer = ScorerModel(self.scorer_architecture, networks.scorer_tensors(self.scorer))
-        return LearnedAgent({}, field, scorer)
+        return LearnedGuidance(LearnedAgent({}, field, scorer), temperature=temperature)
 
-    def _consider(self, stage: str) -> None:
-        """Search on the validation problems; keep these weights if they are the best so far."""
-        metrics = self._validate()
-        self._note(f"validation after {stage}", **metrics)
-        best = self.state["best"]
-        if best is None or rank(metrics) < rank(best):
-            self.state["best"] = {**metrics, "stage": stage}
-            self.best = self._tensors()
-
-    def _validate(self) -> dict[str, float]:
-        return validated(
-            self.distributions,
-            LearnedGuidance(self._agent()),
-            count=self.config.validation,
-            max_samples=self.config.max_samples,
-            run=self.search,
-        )
-
-    def _note(self, what: str, **values: float) -> None:
-        self.state["history"].append({"what": what, **values})
+    def note(self, what: str, **values: float) -> None:
+        """Enter something in the history, and in TensorBoard's files."""
+        super().note(what, **values)
         if self.writer is not None:
             step = int(values.get("epoch", values.get("round", len(self.state["history"]))))
             for name in values.keys() - {"epoch", "round"}:
                 self.writer.add_scalar(f"{what.split()[0]}/{name}", values[name], step)
 
     def _write_agent(self) -> dict[str, Any]:
-        tensors = self.best or self._tensors()
+        tensors = self.best or self.tensors()
         card = {
             "name": self.folder.path.name,
             "package_version": package_version(),
@@ -468,37 +369,6 @@ class _Example:
         return (corrections - self.targets[chosen].to(device)) / self.scale[chosen].to(device)
 
 
-class TreeLessons:
-    """What a node scorer is taught: its columns and the target distribution, before each choice."""
-
-    def __init__(self, guidance: ScoredGuidance, search: Search) -> None:
-        self._guidance, self._tree, self._measure = guidance, search.tree, Measure(search)
-        self.rows: list[Tree] = []
-
-    def some(self, count: int) -> list[Tree]:
-        """Up to ``count`` of them, evenly spread, of trees with a choice."""
-        rows = self.rows
-        which = np.unique(np.linspace(0, len(rows) - 1, min(count, len(rows))).astype(int))
-        return [rows[k] for k in which if len(rows[k][1]) > 1]
-
-    def before(self, node: int) -> None:
-        """Take down the tree as it stands."""
-        target = self._measure.distribution().astype(np.float32)
-        self.rows.append((self._guidance.columns(self._tree), target))
-
-    def after(self, expansion: Expansion) -> None:
-        """Nothing."""
-
-    def take(self, rows: NDArray[np.int32]) -> None:
-        """Nothing: learned guidance runs in no bursts."""
-
-    def rewiring(self) -> None:
-        """No planner is watched here."""
-
-    def changed(self) -> None:
-        """No planner is watched here."""
-
-
 def _generator(*numbers: int) -> np.random.Generator:
     return np.random.default_rng(seed_of(*numbers))
 
@@ -507,74 +377,10 @@ def _random_decoder(decoder: networks.Decoder) -> Tensors:
     return {name: t.detach().cpu().numpy().copy() for name, t in decoder.state_dict().items()}
 
 
-def tree_loss(
-    scorer: networks.NodeScorer,
-    batch: list[Tree],
-    divergence: str = "forward",
-    device: torch.device | None = None,
-) -> Tensor:
-    """Mean divergence between the target distribution and the softmax of a scorer's logits."""
-    longest = max(len(q) for _, q in batch)
-    columns = np.zeros((len(batch), longest, len(ScorerColumn)), np.float32)
-    target = np.zeros((len(batch), longest), np.float32)
-    for row, (nodes, q) in enumerate(batch):
-        columns[row, : len(q)], target[row, : len(q)] = nodes, q
-    wanted = torch.from_numpy(target).to(device)
-    mask = wanted > 0
-    logp = functional.log_softmax(scorer(torch.from_numpy(columns).to(device), mask), dim=1)
-    logp = logp.masked_fill(~mask, 0.0)
-    logq = torch.log(wanted.clamp_min(1e-30)).masked_fill(~mask, 0.0)
-    if divergence == "forward":
-        terms = wanted * (logq - logp)
-    else:
-        terms = logp.exp().masked_fill(~mask, 0.0) * (logp - logq)
-    return terms.sum(1).mean()
-
-
-def joined_trees(trees: list[Tree]) -> Tensors:
-    """Trees as the tensors of a file."""
-    none = np.zeros((0, len(ScorerColumn)), np.float32), np.zeros(0, np.float32)
-    return {
-        "sizes": np.array([len(q) for _, q in trees], np.int64),
-        "columns": np.concatenate([none[0], *(c for c, _ in trees)]),
-        "targets": np.concatenate([none[1], *(q for _, q in trees)]),
-    }
-
-
-def _trees(folder: Path, number: int) -> list[Tree]:
-    return split_trees(RunFolder.read(folder / f"data/trees-{number:03d}.safetensors")[1])
-
-
-def split_trees(tensors: Tensors) -> list[Tree]:
-    """The trees that `joined_trees` joined."""
-    ends = np.cumsum(tensors["sizes"])[:-1]
-    return list(zip(np.split(tensors["columns"], ends), np.split(tensors["targets"], ends), strict=True))
-
-
-def moments_of(optimizer: torch.optim.Optimizer) -> Tensors:
-    """Adam's state as tensors."""
-    out: Tensors = {}
-    for index, entry in optimizer.state_dict()["state"].items():
-        for name, value in entry.items():
-            out[f"{index}.{name}"] = value.detach().cpu().numpy().astype(np.float32)
-    return out
-
-
-def put_moments(optimizer: torch.optim.Optimizer, moments: Tensors) -> None:
-    """Give Adam the state that `moments_of` took; nothing to give leaves it as it is."""
-    if not moments:
-        return
-    state = optimizer.state_dict()
-    for key, value in moments.items():
-        index, _, name = key.partition(".")
-        state["state"].setdefault(int(index), {})[name] = torch.from_numpy(np.array(value))
-    optimizer.load_state_dict(state)
-
-
 def _board(out: Path) -> Any:
     from torch.utils.tensorboard import SummaryWriter
 
     return SummaryWriter(str(out / "tensorboard"))  # type: ignore[no-untyped-call]
 
 
-__all__ = ["AGENT_FOLDER", "SHARD", "ImitationConfig", "checked_device", "train_imitation"]
+__all__ = ["SHARD", "ImitationConfig", "checked_device", "train_imitation"]

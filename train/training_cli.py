@@ -35,6 +35,7 @@ OptionTable = Mapping[str, tuple[type, str]]
 SEED = (int, "Seed of everything random.")
 VALIDATION = (int, "Validation problems.")
 DEVICE = (str, "cpu or cuda.")
+SELECTION = (bool, "Whether trees and validation searches are expanded uniformly.")
 TENSORBOARD = (bool, "Write TensorBoard files.")
 LISTS = ("environments", "guides")  # with commas on the command line
 
@@ -46,6 +47,7 @@ _OPTIONS: OptionTable = {
     "rounds": (int, "Rounds of DAgger."),
     "searches": (int, "Searches a round."),
     "divergence": (str, "forward: D_KL(Q || P); reverse: D_KL(P || Q)."),
+    "selection": SELECTION,
     "cells": (int, "Cells along each side of the raster."),
     "headings": (int, "Headings of the grid."),
     "planning": (bool, "Whether the field has its wave."),
@@ -122,7 +124,7 @@ _MOTION_OPTIONS: OptionTable = {
     "estimate_steps": (int, "Steps of the cost-to-go."),
     "rounds": (int, "Rounds of DAgger."),
     "searches": (int, "Searches a round."),
-    "selection": (bool, "Whether the scorer's trees are expanded uniformly."),
+    "selection": SELECTION,
 }
 
 
@@ -153,8 +155,8 @@ def _run(
     executor: Executor,
 ) -> None:
     """Run or continue a training in its folder, and say what came of it."""
-    from guided_gym.train.imitation import AGENT_FOLDER
     from guided_gym.train.specs import learned_word
+    from guided_gym.train.staged import AGENT_FOLDER
 
     folder = out or Path("runs") / f"{method}-{'+'.join(environments)}"
     with progress_bar(method.capitalize(), folder) as progress:

@@ -67,6 +67,7 @@ def _searches(
     return rows
 
 
-def rank(metrics: Mapping[str, Any]) -> tuple[float, float]:
-    """Less is better: more solved, then less total SE."""
-    return -metrics["solved"], metrics["total_efficiency"]
+def rank(metrics: Mapping[str, Any], selection: bool = False) -> tuple[float, float]:
+    """Less is better: more solved, then less total SE; less excess SE where only the selection is judged."""
+    total: float = metrics["total_efficiency"]
+    return -metrics["solved"], total - metrics["best_possible"] if selection else total

@@ -14,8 +14,10 @@ from guided_gym.errors import InvalidInputError, StorageError  # noqa: E402
 from guided_gym.guidance.learned import weights  # noqa: E402
 from guided_gym.guidance.learned.motion_agent import load_motion_agent, load_motion_card  # noqa: E402
 from guided_gym.guidance.registry import make_guidance  # noqa: E402
-from guided_gym.train.imitation import AGENT_FOLDER  # noqa: E402
+from guided_gym.train import motions  # noqa: E402
 from guided_gym.train.motions import MotionConfig, random_motions, train_motions  # noqa: E402
+from guided_gym.train.staged import AGENT_FOLDER  # noqa: E402
+from guided_gym.train.validation import rank  # noqa: E402
 
 TINY = MotionConfig(
     environments=("RandomPlanarArm4",),
@@ -44,6 +46,16 @@ def test_the_agent_guides_and_its_card_says_how_it_came_about(finished: Path) ->
     assert card["robot"] == "arm of 4 links"
     assert card["training"]["problems"] == 2
     assert {"belief", "estimate", "scorer"} <= {row["what"] for row in card["metrics"]["history"]}
+
+
+def test_scorers_are_drawn_from_and_compared_with_each_other(finished: Path) -> None:
+    metrics = load_motion_card(finished / AGENT_FOLDER)["metrics"]
+    rows = {row["what"]: row for row in metrics["history"]}
+    tried = [rows[f"validation after {stage}"] for stage in ("no round of the scorer", "the scorer, round 1")]
+    best = min(tried, key=rank)
+    assert all(metrics["scored"][name] == best[name] for name in best.keys() - {"what"})
+    assert metrics["validation"]["stage"] == "the cost-to-go"  # without a scorer
+    assert motions._Run(TINY, finished, None).searcher().scored
 
 
 def test_the_belief_has_learned_what_is_free(finished: Path) -> None:

@@ -37,9 +37,8 @@ class DoubtedGraph:
         ends = self.graph.points[self.graph.edges[edges]]
         factors = self.doubts.factors(ends[:, 0], ends[:, 1])
         self.graph.raise_edges(edges[np.isinf(factors)], math.inf)
-        for edge, factor in zip(edges.tolist(), factors.tolist(), strict=True):
-            if 1.0 < factor < math.inf:
-                self.graph.raise_edges(np.array([edge]), factor)
+        longer = (factors > 1.0) & np.isfinite(factors)
+        self.graph.raise_edges(edges[longer], factors[longer])
         return True
 
     def look_from(self, states: Floats, anchors: Anchors, known: NDArray[np.bool_], row: int) -> bool:

@@ -75,12 +75,15 @@ class Graph:
             self._removed = []
             self._changed.append(self.tree.changed.copy())
 
-    def raise_edges(self, edges: NDArray[np.integer[Any]], factor: float) -> None:
-        """Add ``factor - 1`` times its length to the weight of some edges; infinite removes them."""
+    def raise_edges(self, edges: NDArray[np.integer[Any]], factor: float | Floats) -> None:
+        """Add ``factor - 1`` times its length to the weight of some edges; infinite removes them.
+
+        Factors of their own, (k,), have to be finite.
+        """
         raised: Ints = np.asarray(edges, np.int64)
         if raised.size == 0:
             return
-        if factor == math.inf:
+        if isinstance(factor, float) and factor == math.inf:
             self.multipliers[raised] = np.inf
             self._removed.append(raised)
         else:

@@ -27,6 +27,7 @@ from guided_gym.structures.shortest_paths import (
 
 _NETS: Final = 8  # roadmaps of one kind that a search may get: drawn once, and used again
 _RENEWALS: Final = 9  # where no path exists, there must be a last one
+_DOUBTED_RENEWALS: Final = 3  # each asks about all its vertices anew; further ones found no further way
 _VERTEX: Final = 300  # bytes of a vertex, its place in the index and in the tree of shortest paths included
 _EDGE: Final = 200  # of an edge: while the graph is built, and in the index of its segments
 _ANCHOR: Final = 40  # of an anchor, and its link back
@@ -53,7 +54,8 @@ class Roadmap(GraphCostToGo):
     within half the reach. The other has half as many vertices again, unless failures cut off all nodes from
     the vertices, as they do around a start in a tight place: more vertices would change nothing there.
     Where the query brings doubts, vertices and edges are free of what the robot has of itself, and the doubts
-    are asked about the vertices, and then about those ways that are about to be taken (`DoubtedGraph`).
+    are asked about the vertices, and then about those ways that are about to be taken (`DoubtedGraph`). The
+    other roadmap has as many vertices there, so that it, too, was drawn before.
 
     Args:
         vertices: Number of samples.
@@ -74,6 +76,7 @@ class Roadmap(GraphCostToGo):
     def begin(self, query: Query, rng: np.random.Generator, step: float) -> None:
         """Draw the roadmap, or take one that was drawn before."""
         self._finer = self._renewals = 0
+        self._most = _RENEWALS if query.doubts is None else _DOUBTED_RENEWALS
         self._lazy = not query.space.environment.obstacles
         self._asked = 0 if query.doubts is None else query.doubts.looks
         super().begin(query, rng, step)
@@ -199,9 +202,10 @@ class Roadmap(GraphCostToGo):
 
     def _followed(self, states: Floats) -> Floats:
         h = super().follow(states)
-        while self._lazy and self._renewals < _RENEWALS and not math.isfinite(h.min()):
+        while self._lazy and self._renewals < self._most and not math.isfinite(h.min()):
             self._renewals += 1
-            if self._nodes is not None and np.isfinite(self._nodes.anchors.lengths[: len(h)]).any():
+            reached = self._nodes is not None and np.isfinite(self._nodes.anchors.lengths[: len(h)]).any()
+            if reached and self.query.doubts is None:
                 self._finer += 1
             self._renew(0.5)
             h = super().follow(states)

@@ -19,8 +19,10 @@ from guided_gym.guidance.learned import weights
 from guided_gym.guidance.learned.belief import BeliefArchitecture, BeliefModel, plain_tensors, scene_of
 from guided_gym.guidance.learned.folders import agent_folder
 from guided_gym.guidance.learned.motion_agent import MotionAgent, load_motion_agent
+from guided_gym.guidance.learned.motion_guidance import LESSON
 from guided_gym.guidance.modifications import Predicted
 from guided_gym.guidance.registry import make_guidance
+from guided_gym.guidance.solvers.roadmap import Roadmap
 from guided_gym.kernels.belief import motion_columns, parts_of, rooms_along
 from guided_gym.planning import guided_search
 from guided_gym.problems import Problem
@@ -99,6 +101,17 @@ def test_it_solves_and_counts_what_it_looks_at(problem: Problem) -> None:
     assert result.solved
     assert result.looks > 8000  # each vertex of the roadmap at least
     assert result.looks <= result.collision_checks
+
+
+def test_where_nothing_is_believed_in_few_roadmaps_are_asked_about(problem: Problem) -> None:
+    architecture = BeliefArchitecture(hidden=1)
+    never = {name: np.zeros(shape, np.float32) for name, shape in architecture.shapes().items()}
+    never["last.bias"] -= 9.0
+    roadmap, predicted = Roadmap(vertices=300), Predicted(BeliefModel(architecture, never))
+    guidance = Composed(roadmap, environment=predicted, lesson=LESSON, candidates=2)
+    result = guided_search(problem, guidance, seed=0, max_samples=30, measure=False)
+    assert len(roadmap.graph.points) == 301  # as many as the first had, and the goal
+    assert result.looks < 5 * 301 + 30 * 40  # of each vertex of four roadmaps, and of the motions tried
 
 
 def test_the_same_seed_gives_the_same_tree(problem: Problem) -> None:
