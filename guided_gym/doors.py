@@ -191,7 +191,7 @@ def _kind(hint: Any) -> _Kind | None:
     origin, arguments = typing.get_origin(hint), typing.get_args(hint)
     if origin is not None:
         return _generic(origin, arguments)
-    if not isinstance(hint, type) or hint is object:
+    if not isinstance(hint, type) or hint in (object, Any):  # Any is a class since Python 3.11
         return None
     if getattr(hint, "_is_protocol", False):
         return _protocol(hint)

@@ -202,7 +202,7 @@ def test_an_arm_of_two_links_agrees_with_a_dense_graph_on_its_torus():
     turns = -math.pi + 2.0 * math.pi * (np.arange(n) + 0.5) / n
     poses = np.stack(np.meshgrid(turns, turns, indexing="ij"), axis=-1).reshape(-1, 2)
     steps = [(i, j) for i in range(5) for j in range(-4, 5) if math.gcd(i, j) == 1 and (i > 0 or j > 0)]
-    number = np.arange(n * n).reshape(n, n)
+    number = np.arange(n * n, dtype=np.int32).reshape(n, n)  # scipy 1.14 takes no longer indices
     heads = np.concatenate([np.roll(number, (-i, -j), (0, 1)).ravel() for i, j in steps])
     tails = np.tile(number.ravel(), len(steps))
     free = np.asarray(space.motions_free(poses[tails], poses[heads]))
