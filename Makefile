@@ -4,7 +4,7 @@ RESULTS ?= results
 SHELL := bash
 .DEFAULT_GOAL := help
 .DELETE_ON_ERROR:
-.PHONY: help run test test-core lint types bench faults docs clean
+.PHONY: help run test test-core lint types bench faults wheel docs clean
 
 # Neither the caller's packages nor files in the current folder may stand in for the installed package.
 unexport PYTHONPATH PYTHONHOME
@@ -70,6 +70,17 @@ bench: $(BENCH)/.installed ## Run every benchmark; JSON in results/bench
 		echo "== $$name"; \
 		$(BENCH)/bin/python "$$program" --json "$(RESULTS)/bench/$$name.json"; \
 	done
+
+# Compiled for any processor of this one's architecture, for these versions of Python and numba.
+wheel: $(RUN)/.installed ## Build a wheel in dist/ that brings its kernels compiled for this system (two minutes)
+	@rm -rf build dist
+	@kernels=$$(mktemp -d) && trap 'rm -rf "$$kernels" guided_gym/kernels/compiled.zip' EXIT && \
+		NUMBA_CPU_NAME=generic NUMBA_CPU_FEATURES= NUMBA_CACHE_DIR="$$kernels" GUIDED_GYM_CACHE="$$kernels/cache" \
+		$(RUN)/bin/guided-gym warmup && \
+		$(RUN)/bin/python -P -m guided_gym.compute.shipped_kernels "$$kernels" guided_gym/kernels/compiled.zip && \
+		$(RUN)/bin/python -m pip wheel --quiet --no-deps --wheel-dir dist .
+	@rm -rf build
+	@ls dist
 
 docs: $(DOCS)/.installed ## Build the documentation as a site in site/, and check its links
 	@NO_MKDOCS_2_WARNING=1 $(DOCS)/bin/mkdocs --quiet build

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-import hashlib
+import gc
 import os
 import sys
 import time
@@ -12,6 +12,7 @@ from typing import Any, Final
 
 from numba.core import caching, config, event
 
+from guided_gym.compute.shipped_kernels import KERNELS, shipped_kernels, sources_stamp
 from guided_gym.compute.warmup import kernel_clock
 
 try:
@@ -33,13 +34,15 @@ class CompileLock(event.Listener):
     the operating system's, so it goes with the process that holds it.
 
     Meanwhile LLVM does not look for loops to vectorise: it finds few in kernels that branch at every turn,
-    and looking takes a third of the time.
+    and looking takes a third of the time. Nor is garbage looked for: a compiler makes many objects that
+    live, and going through them takes a tenth.
     """
 
     def __init__(self) -> None:
         self._depth = 0
         self._file: int | None = None
         self._vectorize: int | None = None  # numba's setting, while it is another
+        self._collected = False  # whether garbage was looked for before
         self._said = False
 
     def miss(self, folder: str) -> None:
@@ -49,6 +52,8 @@ class CompileLock(event.Listener):
             self._file = self._acquired(Path(folder) / NAME)
             self._vectorize = config.LOOP_VECTORIZE  # type: ignore[attr-defined]
             config.LOOP_VECTORIZE = 0  # type: ignore[attr-defined]
+            self._collected = gc.isenabled()
+            gc.disable()
 
     def done(self) -> None:
         """A kernel was kept, was loaded after all, or could not be compiled."""
@@ -59,6 +64,9 @@ class CompileLock(event.Listener):
         if self._vectorize is not None:
             config.LOOP_VECTORIZE = self._vectorize  # type: ignore[attr-defined]
             self._vectorize = None
+        if self._collected:
+            gc.enable()
+            self._collected = False
         if self._file is not None:
             os.close(self._file)
             self._file = None
@@ -107,17 +115,6 @@ def _ours(function: object) -> bool:
     return str(getattr(function, "__module__", "")).startswith("guided_gym.")
 
 
-def sources_stamp(folder: Path) -> str:
-    """A digest of all sources in a folder.
-
-    numba keeps a kernel until its own file changes; what it calls is compiled into it, from other files, too.
-    """
-    digest = hashlib.sha256()
-    for path in sorted(folder.glob("*.py")):
-        digest.update(path.name.encode() + b"\0" + path.read_bytes())
-    return digest.hexdigest()
-
-
 _WRAPPED: Final = ("load_overload", "save_overload", "_index_key")
 _lock: CompileLock | None = None
 
@@ -127,6 +124,7 @@ def share_compilation() -> None:
 
     numba has no hook between a miss of its cache and compilation, so its cache's methods are wrapped, for our
     functions only; what it keeps is also told apart by the sources of all kernels, not by those of one file.
+    What its cache has not got may have come with the wheel (`guided_gym.compute.shipped_kernels`).
     Where this version of numba has other methods, nothing is done.
     """
     global _lock
@@ -135,11 +133,18 @@ def share_compilation() -> None:
     lock = _lock = CompileLock()
     load, save = caching.Cache.load_overload, caching.Cache.save_overload
 
+    def shipped(self: Any, signature: Any, target: Any) -> Any:
+        name, key = self._impl.filename_base, self._index_key(signature, target.codegen())
+        kept = shipped_kernels().load(name, key)
+        return None if kept is None else self._impl.rebuild(target, kept)
+
     def load_overload(self: Any, signature: Any, target: Any) -> Any:
         if not _ours(getattr(self, "_py_func", None)):
             return load(self, signature, target)  # type: ignore[no-untyped-call]
         with kernel_clock:
             found = load(self, signature, target)  # type: ignore[no-untyped-call]
+            if found is None:
+                found = shipped(self, signature, target)
             if found is None:
                 lock.miss(str(self.cache_path))
                 found = load(self, signature, target)  # type: ignore[no-untyped-call]
@@ -155,7 +160,7 @@ def share_compilation() -> None:
             if _ours(getattr(self, "_py_func", None)):
                 lock.done()
 
-    key, stamp = caching.Cache._index_key, sources_stamp(Path(__file__).parents[1] / "kernels")
+    key, stamp = caching.Cache._index_key, sources_stamp(KERNELS)
 
     def index_key(self: Any, signature: Any, codegen: Any) -> Any:
         own = key(self, signature, codegen)  # type: ignore[no-untyped-call]

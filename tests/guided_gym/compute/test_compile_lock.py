@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import gc
 import os
 import subprocess
 import sys
@@ -12,7 +13,7 @@ import pytest
 from numba import njit
 from numba.core import config, event
 
-from guided_gym.compute import compile_lock
+from guided_gym.compute import compile_lock, shipped_kernels
 
 PROGRAM = """
 import sys
@@ -113,19 +114,34 @@ def test_numba_s_setting_is_another_only_while_kernels_compile(lock, tmp_path, m
     assert config.LOOP_VECTORIZE == 7
 
 
+def test_garbage_is_not_looked_for_while_kernels_compile_and_as_before_after(lock, tmp_path):
+    assert gc.isenabled()
+    lock.miss(str(tmp_path))
+    assert not gc.isenabled()
+    lock.done()
+    assert gc.isenabled()
+    gc.disable()
+    try:
+        lock.miss(str(tmp_path))
+        lock.done()
+        assert not gc.isenabled()
+    finally:
+        gc.enable()
+
+
 def test_what_is_kept_is_told_apart_by_the_sources_of_all_kernels(tmp_path):
     (tmp_path / "a.py").write_text("one")
     (tmp_path / "b.py").write_text("two")
-    first = compile_lock.sources_stamp(tmp_path)
-    assert compile_lock.sources_stamp(tmp_path) == first
+    first = shipped_kernels.sources_stamp(tmp_path)
+    assert shipped_kernels.sources_stamp(tmp_path) == first
     (tmp_path / "b.py").write_text("2")
-    assert compile_lock.sources_stamp(tmp_path) != first
+    assert shipped_kernels.sources_stamp(tmp_path) != first
 
 
 def test_the_stamp_is_part_of_the_key_of_our_kernels_alone():
     from guided_gym.kernels.metric import separation
 
-    stamp = compile_lock.sources_stamp(Path(compile_lock.__file__).parents[1] / "kernels")
+    stamp = shipped_kernels.sources_stamp(Path(compile_lock.__file__).parents[1] / "kernels")
     codegen = separation.targetctx.codegen()
     assert separation._cache._index_key((), codegen)[-1] == stamp
     theirs = njit(cache=True)(_theirs)
