@@ -46,8 +46,9 @@ class GuideSelectionEnv(gymnasium.Env[NDArray[np.float32], int]):
         ``Discrete(k)``, the guiding space that guides next.
 
     Observation space:
-        ``Box`` of 5 + 13 k numbers: `guided_gym.guidance.rules.SearchColumn`, then
-        `guided_gym.guidance.rules.GuideColumn` of each guiding space; nothing of the oracle.
+        ``Box`` of 5 + 13 k numbers: `guided_gym.guidance.learned.turns.SearchColumn`, then
+        `guided_gym.guidance.learned.turns.GuideColumn` of each guiding space. None of them comes from the
+        oracle.
 
     Rewards, invalid actions, episode end, info and randomness:
         As in `GuidedSearchEnv`. An index without a guiding space counts as a sample and changes nothing.

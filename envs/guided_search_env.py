@@ -90,7 +90,7 @@ class GuidedSearchEnv(gymnasium.Env[Observation, Action]):
         motion is certified free the tree grows by a node, if not the failure is recorded.
 
     Action space:
-        ``action="node"``: ``Discrete(max_nodes)``, the node to expand. Valid are the nodes that there are
+        ``action="node"``: ``Discrete(max_nodes)``, the node to expand. The nodes of the tree are valid
         (``observation["action_mask"]``, `action_masks`); there is always one.
         ``action="distribution"``: ``Box(0, 1, (max_nodes,))``, a weight for each node. Weights beyond the
         tree are ignored, the others are normalised to P (all of them zero: P is uniform), and the
@@ -110,8 +110,8 @@ class GuidedSearchEnv(gymnasium.Env[Observation, Action]):
         ``{"regret": 1, "sample": 0.1}``, add them up. 0 after the search has finished.
 
     Invalid actions:
-        A node that there is not, or weights that are negative or not numbers, change nothing but count as a
-        sample; the reward is the worst there is (log epsilon for -SE and the regret), and
+        A node that does not exist, or weights that are negative or not numbers, count as a sample and change
+        nothing. The reward is the worst possible (log epsilon for -SE and the regret), and
         ``info["invalid_action"]`` is True. ``on_invalid="raise"`` raises instead.
 
     Episode end:
@@ -121,7 +121,7 @@ class GuidedSearchEnv(gymnasium.Env[Observation, Action]):
         that and problems without a path are drawn again.
 
     Info:
-        Always the same keys, scalars all of them: solved, samples, tree_size (nodes), collision_checks,
+        Always the same keys, and all are scalars: solved, samples, tree_size (nodes), collision_checks,
         invalid_action; sampling_efficiency and best_possible (-log max Q) of this step, NaN after a reset;
         cost (length of the path found, infinite while there is none); region (of the chosen node: which of
         ``list(problem.regions)``, -1 for none); oracle_error (estimated, relative, on average). With

@@ -91,7 +91,7 @@ DEFAULT_TARGET = TargetParameters()
 @doors
 @dataclass(frozen=True)
 class OracleOptions:
-    """How exactly the oracle knows d_C, and what it may spend on it.
+    """How exactly the oracle has to know d_C, and what it may spend on that.
 
     Attributes:
         resolution: Vertices of its grid along each axis of the configuration space, or ``(n,)`` for those of
@@ -105,7 +105,7 @@ class OracleOptions:
         method: ``"grid"`` or ``"roadmap"``; None for a grid in 2 and 3 dimensions, a roadmap in more.
 
     Raises:
-        InvalidInputError: Another method, a resolution that is no 1 to 3 counts of at least 4, an error that
+        InvalidInputError: Another method, a resolution that is not 1 to 3 counts of at least 4, an error that
             is not positive, or a budget below 10,000.
     """
 

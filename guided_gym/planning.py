@@ -165,8 +165,8 @@ def guided_search(
             lines (docs/replay.md); the search stays the same.
 
     Raises:
-        InvalidInputError: An argument of the wrong type, max_samples no positive integer, the seed no
-            integer >= 0, or an option that a planner of its own mind cannot have.
+        InvalidInputError: An argument has the wrong type, max_samples is not a positive integer, the seed is
+            not an integer >= 0, or an option that a planner which selects by itself cannot have.
         StorageError: The trace cannot be written.
         NoPathError: No path joins start and goal: to the oracle's resolution, if ``measure`` is on, or
             because a guiding space has proved it; then the error has the `SearchResult` as ``result``.

@@ -184,7 +184,8 @@ def _waypoints(space: ConfigurationSpace, path: object, least: int = 1) -> Float
 def headings(space: ConfigurationSpace, path: FloatArray) -> FloatArray:
     """(n,) direction of travel (radians) at each waypoint: that of the motion that leaves it.
 
-    At the last waypoint that of the motion that arrives; where the robot turns on the spot, the last one.
+    At the last waypoint it is that of the motion that arrives. Where the robot turns on the spot, the last
+    direction is kept.
 
     Raises:
         InvalidInputError: It is no (n, d) array of two configurations or more.
@@ -319,8 +320,8 @@ def time_path(
 
     Corners are rounded by parabolas, as far as there is proof of room for them; at a corner without room the
     robot stops. Along the rounded path toppra finds the fastest speeds; between its grid points the
-    acceleration along the path is constant. The limits hold at every time: were they passed between grid
-    points, all is slowed down by as much.
+    acceleration along the path is constant. The limits hold at every time: if they were passed between grid
+    points, the whole path is slowed down by as much.
 
     Args:
         space: The configuration space.

@@ -112,7 +112,7 @@ def reproduce(
     baselines: bool = False,
     progress: Progress | None = None,
 ) -> Report:
-    """Run the paper's experiments and check its claims; resumable like `guided_gym.train.evaluate`.
+    """Run the paper's experiments and check its claims; resumable like `guided_gym.evaluate`.
 
     Args:
         seeds: Searches per problem and guidance.

@@ -50,11 +50,12 @@ class ProblemDistribution(ABC):
 
         Args:
             rng: Source of the draws.
-            tolerance: Another rule of when the goal is reached than the problem's, see `Problem.ending`.
+            tolerance: When the goal counts as reached, in place of the problem's own rule; see
+                `Problem.ending`.
             by_edge: Likewise.
 
         Raises:
-            NoPathError: None of `TRIES` draws was fit.
+            NoPathError: None of `TRIES` draws has a path and needs a search.
         """
         cause: NoPathError | None = None
         for _ in range(TRIES):
@@ -75,7 +76,7 @@ class ProblemDistribution(ABC):
         """The problem of one seed: the one that ``env.reset(seed=seed)`` poses, with the same rule of ending.
 
         Raises:
-            InvalidInputError: The seed is no integer >= 0.
+            InvalidInputError: The seed is not an integer >= 0.
             NoPathError: No problem with a path could be drawn.
         """
         return self.draw(streams(integer("seed", seed, least=0))[0], tolerance, by_edge)
@@ -105,7 +106,7 @@ class FixedProblem(ProblemDistribution):
     def draw(
         self, rng: np.random.Generator, tolerance: float | None = None, by_edge: bool | None = None
     ) -> Problem:
-        """The problem, whatever it is like."""
+        """The problem, whether or not it has a path."""
         return self._problem.ending(tolerance, by_edge)
 
 

@@ -175,7 +175,7 @@ class RobotPart(_Model):
         tool: Of a linkage: x, y in the frame of the joint ``tool_joint``.
         tool_joint: The last joint by default.
         mobile: Whether a linkage's base moves.
-        self_collision: Whether a linkage's bodies must keep off each other.
+        self_collision: Whether a linkage's bodies must not touch each other.
         dimension: 2 (translates only) or 3 (turns too); a linkage has as many as its joints say.
         name: For people.
     """

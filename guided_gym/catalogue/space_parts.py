@@ -158,7 +158,7 @@ class ArmPart(_Model):
         bodies: Capsules on the joints; joint -1 is the base.
         tool: The point in the frame of the last joint, or of ``tool_joint``.
         tool_joint: Another joint.
-        self_collision: Whether bodies must keep off each other.
+        self_collision: Whether bodies must not touch each other.
         ignored: Pairs of bodies that may touch all the same.
     """
 

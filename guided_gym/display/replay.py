@@ -56,7 +56,7 @@ def trace_content(path: str | Path, *, samples: int = MOST_SAMPLES) -> dict[str,
         ``lines`` and ``trouble``: why the trace ends early, or empty.
 
     Raises:
-        StorageError: The file cannot be read, or is no trace of this version.
+        StorageError: The file cannot be read, or is not a trace of this version.
         InvalidInputError: Its problem cannot be used.
     """
     most = integer("samples", samples, least=1)

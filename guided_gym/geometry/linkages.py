@@ -84,21 +84,21 @@ class Linkage(Mechanism):
     """A planar robot with joints: an arm, a snake, a tree of links (a kinematic table).
 
     Its configuration holds (x, y) of the base first, if that moves, and then the angle of each joint. The
-    metric weighs a joint's radians by how far what it carries reaches, so that d_C is a length like that of
-    the paths of the bodies.
+    metric weighs the radians of a joint by the reach of what the joint carries. So d_C is a length, like
+    those of the bodies' paths.
 
     Attributes:
         joints: The joints, parents before those that they carry.
         bodies: What may collide; bodies on one joint move together.
         tool: The point whose place is the robot's `position`: the index of its joint, and (x, y) there.
         mobile: Whether the base moves; else the offsets of joints on the base are places in the workspace.
-        self_collision: Whether bodies must keep off each other, those on one joint and on a joint and its
-            parent apart.
+        self_collision: Whether bodies must not touch each other. Bodies on one joint, or on a joint and its
+            parent, always may.
         name: For people; no part of the robot's identity.
 
     Raises:
-        InvalidInputError: No joint or body, one that hangs on a joint that comes later or is not there, or
-            a name that two joints have.
+        InvalidInputError: There is no joint or no body, one of them refers to a joint that comes later or
+            does not exist, or two joints have the same name.
     """
 
     joints: tuple[Joint, ...]
@@ -148,9 +148,9 @@ class Linkage(Mechanism):
             lengths: Length of each link.
             width: Width of the links, or of each; 0 for thin rods.
             base: (x, y) of the first joint.
-            limits: Of all joints, (low, high) or one angle for both sides; or one for each joint; None where
-                they turn freely. All links are in a row at 0.
-            self_collision: Whether links must keep off each other (neighbours apart).
+            limits: (low, high), one angle for both sides, or None for a joint that turns freely: for all
+                joints, or a list with one for each. At 0 all links are in line.
+            self_collision: Whether links that are not neighbours must not touch each other.
             name: For people.
 
         Raises:
@@ -234,7 +234,7 @@ class Linkage(Mechanism):
 
     @property
     def size(self) -> float:
-        """Its reach: a path of an arm is some times as long."""
+        """Its reach: paths of arms are a few times as long."""
         return self.radius
 
     @property
@@ -304,10 +304,10 @@ class Linkage(Mechanism):
         return place
 
     def displacement(self, change: FloatArray) -> FloatArray:
-        """How far any point moves at most, in the workspace or seen from another body that counts.
+        """How far any point can move at most, in the workspace or relative to a body not to touch.
 
-        The base's way and, for each joint, its turn by how far what it carries reaches; twice as much where
-        bodies on different branches must keep off each other.
+        The sum of the base's motion and, for each joint, its turn times the reach of what it carries. Twice
+        as much where bodies on different branches must not touch each other.
         """
         change = self.rows(change)
         turns = np.abs(change[..., 2:] if self.mobile else change)
@@ -352,7 +352,7 @@ class Linkage(Mechanism):
 
     @property
     def pairs(self) -> list[tuple[int, int]]:
-        """The pairs of bodies that must keep off each other."""
+        """The pairs of bodies that must not touch each other."""
         if not self.self_collision:
             return []
         parents = [joint.parent for joint in self.joints]

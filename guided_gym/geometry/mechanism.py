@@ -34,7 +34,7 @@ class Mechanism(ABC):
 
     Attributes:
         name: For people; no part of the robot's identity.
-        self_collision: Whether some of its bodies must keep off each other.
+        self_collision: Whether some of its bodies must not touch each other.
         in_space: Whether it moves in space, among the solids of a `SpatialEnvironment`.
     """
 
@@ -44,7 +44,7 @@ class Mechanism(ABC):
 
     @property
     def pairs(self) -> list[tuple[int, int]]:
-        """The pairs of bodies, by their place in `place`, that must keep off each other."""
+        """The pairs of bodies, by their place in `place`, that must not touch each other."""
         return []
 
     @property
@@ -64,7 +64,7 @@ class Mechanism(ABC):
 
     @property
     def size(self) -> float:
-        """How far apart two configurations are at least that pictures show apart (length)."""
+        """The least distance at which pictures show two configurations as two (length)."""
         return 2.0 * self.radius
 
     @property

@@ -74,7 +74,7 @@ def with_linkage(
         bodies: (m, 3) centre x, y and radius of a circle around each; (m,) its joint; (m,) end of its pieces.
         limits: (d, 2) smallest and largest value of each coordinate.
         tool: Index of the joint that carries the tool, and the tool's place in its frame.
-        pairs: (p, 2) bodies that must keep off each other.
+        pairs: (p, 2) bodies that must not touch each other.
     """
     place = np.array(tool[1])
     numbers, index = pack_linkage(

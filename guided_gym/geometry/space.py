@@ -212,7 +212,7 @@ class ConfigurationSpace:
     def clearance(self, q: Configurations) -> FloatArray | float:
         """Distance from the robot to the nearest obstacle or bound, 0 where invalid: (n, d) -> (n,).
 
-        Where its own bodies must keep off each other, their distances count, too.
+        Where its own bodies must not touch each other, their distances count, too.
         """
         if np.ndim(q) == 1:
             return float(collision.pose_clearance(self.configuration(q), self.geometry))

@@ -52,8 +52,8 @@ class SpatialJoint:
         limits: Smallest and largest value (radians, or length); None where it turns freely.
         slides: Whether it slides.
         name: What messages and columns call it; ``joint<k>`` unless given.
-        follows: Of a joint that mimics another one before it: that one's name, a factor and a shift, its
-            value being factor * value + shift. It has no coordinate of its own.
+        follows: For a joint that mimics an earlier one: the earlier one's name, a factor and a shift. Its
+            value is factor * value + shift, and it has no coordinate of its own.
     """
 
     offset: Triple = (0.0, 0.0, 0.0)
@@ -99,8 +99,8 @@ class SpatialBody:
     """A body that moves with a joint.
 
     Attributes:
-        joint: Index of the joint; `FIXED` for one that stays with the base, which may touch the world.
-        shape: The capsule (or sphere) in the joint's frame; in that of the base.
+        joint: Index of the joint; `FIXED` for a body that stays with the base, which may touch solids.
+        shape: The capsule (or sphere) in the frame of the joint, or of the base.
         link: What messages call it.
     """
 
@@ -152,20 +152,21 @@ class _Chain:
 class SpatialArm(Mechanism):
     """An arm in space: joints in a row, on a base that stays, and capsules on them.
 
-    Its configuration holds a value for each joint that follows none. The metric weighs a joint's radians by
-    how far what it carries reaches. `SpatialArm.from_urdf` reads one from a file.
+    Its configuration holds a value for each joint that follows none. The metric weighs the radians of a joint
+    by the reach of what the joint carries. `SpatialArm.from_urdf` reads one from a file.
 
     Attributes:
         joints: The joints, from the base on, in whose frame the first one stands.
-        bodies: What may collide. Those that stay with the base are not held against the world.
+        bodies: What may collide. Bodies that stay with the base are not checked against the solids.
         tool: The point whose place is the robot's: the index of its joint, and the point there.
-        self_collision: Whether bodies must keep off each other, those on one joint and on neighbours apart.
+        self_collision: Whether bodies must not touch each other. Bodies on one joint or on neighbours always
+            may.
         ignored: Pairs of bodies that may touch all the same, by their indices.
         name: For people; no part of the robot's identity.
 
     Raises:
-        InvalidInputError: No joint or body, an index that is none, a name that two joints have, or a joint
-            that follows one that is not before it.
+        InvalidInputError: There is no joint or no body, an index does not exist, two joints have the same
+            name, or a joint follows one that does not come before it.
     """
 
     in_space: ClassVar[bool] = True
@@ -293,7 +294,7 @@ class SpatialArm(Mechanism):
 
     @property
     def size(self) -> float:
-        """Its reach: a path of an arm is some times as long."""
+        """Its reach: paths of arms are a few times as long."""
         return self.radius
 
     def coordinates(self, environment: Environment, rotation_weight: float | None = None) -> Coordinates:
@@ -383,7 +384,7 @@ class SpatialArm(Mechanism):
 
     @cached_property
     def pairs(self) -> list[tuple[int, int]]:  # type: ignore[override]
-        """The pairs of bodies that must keep off each other; the second one's joint is the farther out."""
+        """The pairs of bodies that must not touch each other; the second one's joint is the farther out."""
         if not self.self_collision:
             return []
         order = sorted(range(len(self.bodies)), key=lambda k: self.bodies[k].joint)

@@ -77,7 +77,7 @@ def read_arm(
         parts: Capsules around each mesh at most; more of them fit more closely.
         packages: Folders by the names of packages, for meshes at ``package://``; by default they are looked
             for beside the file and in the folders above it.
-        self_collision: Whether bodies must keep off each other, those of neighbours apart. Pairs that touch
+        self_collision: Whether bodies must not touch each other, those of neighbours apart. Pairs that touch
             in more than half of all configurations are left out, with a warning.
         name: For people; the name in the file by default.
 

@@ -131,7 +131,7 @@ class GuidingSpace(ABC):
     def select(self, tree: SearchTree) -> int:
         """The node to expand: x_min = argmin h(P_T(v)), or a draw from P if there is a temperature.
 
-        Where h is infinite everywhere, S gives no guidance and every node is as good as another.
+        If h is infinite everywhere, S gives no guidance, and all nodes are equally good.
         """
         if self.temperature == 0:
             node, h = self.least(tree)

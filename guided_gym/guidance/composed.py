@@ -41,10 +41,11 @@ class Lesson:
     """What a failed expansion teaches the solver. Lengths are in units of the space's natural length.
 
     Attributes:
-        node: Whether it concerns the node that failed to expand; else the configuration where it collided.
-        reach: How far around it ways get costlier; 0 for the way that begins there.
+        node: Whether it is about the node that failed to expand; else about the configuration where it
+            collided.
+        reach: How far around it ways get costlier; 0 for only the way that begins there.
         factor: How many times costlier; infinite forbids.
-        check: How far around the collision what ways run through is validated; 0 for nothing.
+        check: How far around the collision the ways that run there are validated; 0 for not at all.
     """
 
     node: bool = False
@@ -75,9 +76,9 @@ class Composed(GuidingSpace):
         environment: E -> E'.
         lesson: What a failure teaches; by default `FORBID` where the robot is the same and E' optimistic,
             `AVOID` elsewhere.
-        fallback: Who guides while the solver sees a way from no node; every node is as good as another if
-            None.
-        detour: How much a node's suboptimality counts beside its cost-to-go, both as the solver sees them.
+        fallback: Who guides while the solver sees no way from any node. If None, all nodes are equally good
+            then.
+        detour: Weight of a node's suboptimality beside its cost-to-go, both as the solver sees them.
         temperature: See `GuidingSpace`.
         expansion_penalty: What each expansion of a node adds to its h, in natural lengths of the space.
         candidates: Members of N_C(v) that a proposal looks at; None for as many as the search's options say.
@@ -233,8 +234,8 @@ class Composed(GuidingSpace):
     def propose(self, tree: SearchTree, node: int) -> Floats:
         """(d,) the candidate with the least h; the fallback's proposal while the node has no way.
 
-        Where the task ends in a region around the goal, a node within a step of it tries the goal itself
-        first: where that has no room, few candidates lie so deep in the region.
+        If the task ends in a region around the goal, a node within a step of the goal tries the goal itself
+        first, since few candidates lie deep in the region.
         """
         if self.fallback is not None and not math.isfinite(self.costs(tree)[node]):
             return self.fallback.propose(tree, node)

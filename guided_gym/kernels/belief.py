@@ -2,7 +2,7 @@
 
 A motion is looked at in configurations so close together that no point moves far from one to the next. In
 each, the room of a body is the least distance of its points to the obstacles in a raster of the workspace,
-less their radius; the robot's own room is the least distance between two bodies that must keep off each
+less their radius; the robot's own room is the least distance between two bodies that must not touch each
 other. Each body's part of the way between two configurations has a logit of being free, from the room at
 both and from how far it moves; they multiply. Nothing here is checked for collision.
 """
@@ -39,7 +39,7 @@ class Scene(NamedTuple):
         bodies: (b, 3) int64 joint, and first and last row (exclusive) of the points of each body.
         points: (p, 3) x, y and radius in the joint's frame.
         sizes: (b,) how far from its middle point anything of a body is (length).
-        pairs: (k, 2) int64 bodies that must keep off each other.
+        pairs: (k, 2) int64 bodies that must not touch each other.
         raster: (n, n) float32 signed distance to the nearest obstacle or bound (length).
         frame: Left and low of the first sample, and the distance between samples.
         unit: What room and moves are divided by (length).

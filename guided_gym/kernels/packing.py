@@ -213,7 +213,7 @@ def pack_linkage(
         body_ends: (m,) where its pieces end.
         limits: (d, 2) smallest and largest value of each coordinate.
         tool: (2,) place of the tool in its joint's frame.
-        pairs: (p, 2) bodies that must keep off each other.
+        pairs: (p, 2) bodies that must not touch each other.
     """
     n, m, p, pieces = joints.shape[0], circles.shape[0], pairs.shape[0], index[0]
     corners = 0

@@ -104,7 +104,7 @@ class Oracle:
     def restored(
         cls, space: ConfigurationSpace, goal: FloatArray, kept: Kept, options: OracleOptions | None = None
     ) -> Oracle:
-        """An oracle from what `kept` gave of it: nothing is solved where that holds the distances.
+        """An oracle made of what `kept` returned. Nothing is solved if the distances are in it.
 
         Raises:
             StorageError: Of a kind that is not known, from another version of the solver, or of another
@@ -133,7 +133,7 @@ class Oracle:
 
     @property
     def error(self) -> OracleError:
-        """The estimated error; where the resolution was given, this solves something coarser when asked."""
+        """The estimated error. If the resolution was given, this first solves something coarser."""
         return self._solution.error
 
     def cost_to_go(self, q: Configurations) -> FloatArray | float:

@@ -53,7 +53,7 @@ def target(
 
     Returns:
         (n,) probabilities: softmin of delta_v/delta + tau_v/tau, smoothed to at least epsilon. A node that
-        cannot reach the goal has what the smoothing gives it.
+        cannot reach the goal has only the probability that smoothing gives it.
 
     Raises:
         InvalidInputError: The two are not over the same nodes, a length is negative or NaN, no node can reach
@@ -333,7 +333,7 @@ class Measure:
         return softmin_choice(self._energy, n, node, self.parameters.epsilon)
 
     def choices(self, nodes: ArrayLike, sizes: ArrayLike) -> NDArray[np.float64]:
-        """`choice` of several nodes, one after the other, in hindsight; in one go, which is much quicker.
+        """`choice` for several nodes, one after the other, in hindsight. It is much quicker in one go.
 
         Args:
             nodes: (k,) the chosen nodes.
@@ -343,7 +343,7 @@ class Measure:
             (k, 2) what `choice` returns of each.
 
         Raises:
-            InvalidInputError: There was no such node, or there have never been so many, or fewer than before.
+            InvalidInputError: There was no such node, there have never been so many nodes, or ``sizes`` fall.
         """
         self._update()
         nodes, sizes = np.asarray(nodes, np.int64), np.asarray(sizes, np.int64)
@@ -369,7 +369,7 @@ class Measure:
         """SE of expanding a node by one of several children: they are added to the tree, and each is judged.
 
         The paper's way to evaluate node expansion (paper, Evaluation metric). A child that no free motion
-        reaches has what the smoothing gives it.
+        reaches has only the probability that smoothing gives it.
 
         Args:
             node: The node that was selected.

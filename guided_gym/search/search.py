@@ -103,8 +103,8 @@ class Watcher(Protocol):
 class Search:
     """One search in progress: the problem, its tree, and the step that grows it.
 
-    `run` is the whole of Algorithm 1. What selects by other means (the Gymnasium environment, a user's own
-    loop) calls `expand`.
+    `run` is the whole of Algorithm 1. A caller that selects by other means (the Gymnasium environment, a
+    user's own loop) calls `expand`.
 
     Args:
         problem: The problem to solve; its task says what ends the search.
@@ -161,7 +161,7 @@ class Search:
         return other
 
     def shared_by(self, other: Search) -> dict[int, Any]:
-        """The memo of a deep copy of what belongs to this search and shall belong to a clone of it."""
+        """The memo for deep copies of what belongs to this search, when they shall belong to its clone."""
         ours = (self, self.tree, self.planner, self.planner.rng, self.guidance_rng)
         theirs = (other, other.tree, other.planner, other.planner.rng, other.guidance_rng)
         same = (self.problem, self.space, self.space.environment, self.space.robot)
@@ -201,7 +201,7 @@ class Search:
     ) -> None:
         """Select and expand until the goal is reached or ``limit`` samples are drawn, earlier ones included.
 
-        It ends before, too, where the guide has proved that there is no path: then `no_path` says why.
+        It also ends if the guide has proved that there is no path; then `no_path` says why.
 
         Args:
             guide: Who selects; attached already.
@@ -288,7 +288,7 @@ class Search:
     def extend_towards(self, samples: NDArray[np.float64]) -> NDArray[np.int32]:
         """RRT's loop, compiled: the same as select, propose and expand for one sample after another.
 
-        For searches in which nobody listens and nothing is rewired. Stops when the goal is reached.
+        For searches without listeners and without rewiring. Stops when the goal is reached.
 
         Args:
             samples: (m, d) samples of C.
@@ -377,8 +377,8 @@ class Search:
     def path(self) -> NDArray[np.float64] | None:
         """(k, d) the path found, start and goal included; None while there is none.
 
-        The shortest of those found. Where only nearness counts (no valid edge from the last node, or a task
-        without ``by_edge``) it ends there.
+        It is the shortest of those found. Where only nearness counts (no valid edge from the last node to the
+        goal, or a task without ``by_edge``), it ends at the last node.
         """
         if not self.solved:
             return None

@@ -77,8 +77,8 @@ class Trace:
         path: The file.
         header: Its first line.
         samples: One per sample.
-        gains: What the tree gained without a sample, each with the number of samples before it; only those
-            of watched planners do.
+        gains: What the tree gained without a sample, each with the number of samples before it. Only the
+            trees of watched planners have such gains.
         end: Its last line; None if the trace ends early.
         trouble: Why the trace ends early; empty if it does not.
     """
@@ -115,11 +115,11 @@ class Trace:
     def replay(self) -> Search:
         """The search, grown again from the choices: the same tree, rewiring included.
 
-        What a watched planner's tree gained without a sample is taken from the trace; so is, where its
-        motions were sampled and not certified, what became of them.
+        What a watched planner's tree gained without a sample is taken from the trace. If its motions were
+        sampled and not certified, their outcome is taken from the trace, too.
 
         Raises:
-            StorageError: Something else became of a sample than the trace says.
+            StorageError: A sample had another outcome than the trace says.
             InvalidInputError: The problem cannot be used.
         """
         rng = np.random.default_rng(0)  # nobody draws from it
@@ -154,10 +154,10 @@ class Trace:
 
 @door
 def read_trace(path: str | Path) -> Trace:
-    """Read a trace as far as it goes; of one that is truncated or damaged, what comes before.
+    """Read a trace. If it is truncated or damaged, read it up to that place.
 
     Raises:
-        StorageError: The file cannot be read, or is no trace of this version.
+        StorageError: The file cannot be read, or is not a trace of this version.
     """
     return Trace(Path(path))
 
@@ -178,7 +178,7 @@ class TraceReader:
         beyond: How many samples there were beyond those that were wanted.
 
     Raises:
-        StorageError: The file cannot be read, or is no trace of this version.
+        StorageError: The file cannot be read, or is not a trace of this version.
     """
 
     def __init__(self, path: str | Path, samples: int | None = None) -> None:
