@@ -15,7 +15,7 @@ from pathlib import Path
 from types import ModuleType
 from typing import Any, ClassVar, Final
 
-from guided_gym.checks import number
+from guided_gym.checks import flag, number
 from guided_gym.guidance import composed
 from guided_gym.guidance.base import GuidingSpace
 from guided_gym.guidance.learned import field, motion_agent, scored, scorer, weights
@@ -76,10 +76,13 @@ class LearnedGuidance(ScoredGuidance):
     """S = the columns of the node scorer over a learned field; h falls as the score rises.
 
     A composition whose solver is a wave through what the field network takes for free. A node is selected by
-    its logit; x_new is the candidate from which the field sees the shortest way.
+    its logit, or, without the scorer, by h as `wavefront` has it; x_new
+    is the candidate from which the field sees the shortest way.
 
     Args:
         agent: A shipped agent's name, a folder, or a `LearnedAgent`.
+        scored: Whether the scorer selects; without, h does.
+        detour: How much a node's suboptimality counts in h, where the scorer does not select.
         temperature: 0 selects the largest logit; 1 draws from the softmax that was trained.
         failure_penalty: Nats that each failed expansion of a node takes from its logit; each child after the
             first takes more, so that nothing is tried in vain forever.
@@ -97,13 +100,17 @@ class LearnedGuidance(ScoredGuidance):
         self,
         agent: str | Path | LearnedAgent,
         *,
+        scored: bool = True,
+        detour: float = 0.5,
         temperature: float = 0.0,
         failure_penalty: float = 0.05,
         candidates: int | None = None,
     ) -> None:
         self.agent = agent if isinstance(agent, LearnedAgent) else load_named(str(agent))
-        super().__init__(Wave.of(self.agent.field), temperature=temperature, candidates=candidates)
-        self.scorer = self.agent.scorer
+        super().__init__(
+            Wave.of(self.agent.field), detour=detour, temperature=temperature, candidates=candidates
+        )
+        self.scorer, self.scored = self.agent.scorer, flag("scored", scored)
         self.failure_penalty = number("failure_penalty", failure_penalty, least=0)
 
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from functools import partialmethod
 from pathlib import Path
-from typing import TYPE_CHECKING, ClassVar, Final
+from typing import ClassVar, Final
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,9 +18,6 @@ from guided_gym.guidance.learned.scored import ScoredGuidance
 from guided_gym.guidance.modifications import UNCHANGED, Predicted
 from guided_gym.guidance.solvers.estimated import Estimated
 from guided_gym.guidance.solvers.roadmap import Roadmap
-
-if TYPE_CHECKING:
-    from guided_gym.search.tree import SearchTree
 
 LESSON: Final = Lesson(reach=0.2, factor=math.inf, check=0.0)
 """A failure refutes what passes near it; nothing is checked for collision."""
@@ -36,6 +33,7 @@ class MotionGuidance(ScoredGuidance):
         sees: What h rests on: ``"belief"``, the roadmap through what is believed free; ``"estimate"``, the
             cost-to-go network; ``"both"``, the roadmap, and the network while no node has a way on it.
         scored: Whether the scorer selects; without, h does.
+        detour: How much a node's suboptimality counts in h, where the scorer does not select.
         temperature: 0 selects the largest logit, or least h; 1 draws from the softmax that was trained.
         failure_penalty: Nats that each failed expansion of a node takes from its logit.
         vertices: Of the roadmap, which is drawn once for each robot.
@@ -58,6 +56,7 @@ class MotionGuidance(ScoredGuidance):
         *,
         sees: str = "both",
         scored: bool = False,
+        detour: float = 0.0,
         temperature: float = 0.0,
         failure_penalty: float = 0.05,
         vertices: int = 8000,
@@ -77,20 +76,13 @@ class MotionGuidance(ScoredGuidance):
             environment=UNCHANGED if alone else predicted,
             lesson=AVOID if alone else LESSON,
             fallback=Composed(Estimated(self.agent)) if sees == "both" else None,
+            detour=detour,
             temperature=temperature,
             candidates=candidates,
         )
         self.scorer = self.agent.scorer
         self.scored = flag("scored", scored)
         self.failure_penalty = number("failure_penalty", failure_penalty, least=0)
-
-    def values(self, tree: SearchTree) -> NDArray[np.float64]:
-        """(n,) h of each node (length): by the scorer, or by the roadmap."""
-        return super().values(tree) if self.scored else Composed.values(self, tree)
-
-    def distribution(self, tree: SearchTree) -> NDArray[np.float64]:
-        """(n,) the distribution P over the nodes from which `select` draws."""
-        return super().distribution(tree) if self.scored else Composed.distribution(self, tree)
 
     def _clearance(self, q: NDArray[np.float64]) -> NDArray[np.float64]:
         """Nothing: that would be a look at the obstacles themselves."""

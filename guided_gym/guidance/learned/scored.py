@@ -26,11 +26,13 @@ class ScoredGuidance(Composed):
 
     Attributes:
         scorer: The node scorer.
+        scored: Whether it selects; without, the solver's h does, as in any composition.
         failure_penalty: Nats that each failed expansion of a node takes from its logit; each child after the
             first takes more, so that nothing is tried in vain forever.
     """
 
     scorer: ScorerModel
+    scored: bool
     failure_penalty: float
 
     def prepare(self) -> None:
@@ -77,14 +79,17 @@ class ScoredGuidance(Composed):
     def values(self, tree: SearchTree) -> NDArray[np.float64]:
         """(n,) h of each node (length): how far its logit lies below the largest, as a way left would count.
 
-        A way left of an optimum takes 1 / tau nats from the target's logit.
+        A way left of an optimum takes 1 / tau nats from the target's logit. Without the scorer it is the
+        solver's h.
         """
+        if not self.scored:
+            return super().values(tree)
         logits = self.logits(tree)
         return np.asarray((logits.max() - logits) * DEFAULT_TARGET.tau * self._optimum(tree))
 
     def distribution(self, tree: SearchTree) -> NDArray[np.float64]:
         """(n,) one-hot at the largest logit, or the softmax of the logits if there is a temperature."""
-        if self.temperature == 0:
+        if self.temperature == 0 or not self.scored:
             return super().distribution(tree)
         logits = self.logits(tree)
         p = np.exp((logits - logits.max()) / self.temperature)

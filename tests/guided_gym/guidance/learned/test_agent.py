@@ -13,13 +13,14 @@ from guided_gym.agents.scripted import make_agent, rollout
 from guided_gym.catalogue.table import make_distribution
 from guided_gym.envs.guided_search_env import GuidedSearchEnv
 from guided_gym.errors import InvalidInputError, UnknownNameError
-from guided_gym.guidance.composed import Lesson
+from guided_gym.guidance.composed import Composed, Lesson
 from guided_gym.guidance.hybrid import Hybrid
 from guided_gym.guidance.learned.agent import LearnedGuidance, fingerprint, load_named
 from guided_gym.guidance.learned.folders import shipped_agents
 from guided_gym.guidance.learned.scored import ScoredGuidance
 from guided_gym.guidance.learned.scorer import ScorerColumn
 from guided_gym.guidance.registry import make_guidance
+from guided_gym.guidance.solvers.wave import Wave
 from guided_gym.planning import guided_search
 from guided_gym.randomness import streams
 from guided_gym.search.search import Search
@@ -101,6 +102,19 @@ def test_distribution__argmax_or_softmax(agent_folder: Path) -> None:
     p, logits = guidance.distribution(search.tree), guidance.logits(search.tree)
     assert np.allclose(np.log(p[p > 0]), (logits - np.log(np.exp(logits).sum()))[p > 0])
     assert 0 <= guidance.select(search.tree) < len(search.tree)
+
+
+def test_without_its_scorer_it_is_the_wave_through_what_it_takes_for_free(agent_folder: Path) -> None:
+    problem = make_distribution("Trap").problem(0)
+    wave = Composed(Wave.of(load_named(str(agent_folder)).field), detour=0.5)
+    alone = LearnedGuidance(agent_folder, scored=False)
+    found = [
+        guided_search(problem, guidance, seed=0, max_samples=150, expansion="uniform", measure=False)
+        for guidance in (wave, alone, LearnedGuidance(agent_folder))
+    ]
+    trees = [result.tree.configurations for result in found]
+    assert np.array_equal(trees[0], trees[1])
+    assert not np.array_equal(trees[1], trees[2])
 
 
 def test_works_for_a_tree_far_larger_than_its_buffers(agent_folder: Path) -> None:
