@@ -401,7 +401,8 @@ def inside_folder(folder: Path, name: str, path: Path) -> Path:
         target = (folder / name).resolve()
         inside, there = target.is_relative_to(folder.resolve()), target.is_file()
     except (OSError, ValueError, RuntimeError) as error:
-        raise InvalidInputError(f"image: expected the name of a file, got {shown(name)}: {error}") from None
+        why = getattr(error, "strerror", None) or error  # without the name, which may be long
+        raise InvalidInputError(f"image: expected the name of a file, got {shown(name)}: {why}") from None
     if not inside:
         raise InvalidInputError(f"image: expected a file in {folder} or below, got {shown(name)}")
     if not there:

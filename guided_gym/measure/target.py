@@ -346,18 +346,20 @@ class Measure:
             InvalidInputError: There was no such node, there have never been so many nodes, or ``sizes`` fall.
         """
         self._update()
-        nodes, sizes = np.asarray(nodes, np.int64), np.asarray(sizes, np.int64)
+        nodes, sizes = np.asarray(nodes, np.float64), np.asarray(sizes, np.float64)
         if nodes.ndim != 1 or nodes.shape != sizes.shape:
             raise InvalidInputError(
                 f"expected as many nodes as sizes, got shapes {nodes.shape} and {sizes.shape}"
             )
         if not nodes.size:
             return np.zeros((0, 2))
-        grown = (sizes[1:] >= sizes[:-1]).all() and sizes[-1] <= self._n
-        if not (grown and ((nodes >= 0) & (nodes < sizes)).all()):  # the kernel checks no bounds
+        known = (sizes[1:] >= sizes[:-1]).all() and sizes[-1] <= self._n and (nodes < sizes).all()
+        whole = (nodes == np.floor(nodes)).all() and (sizes == np.floor(sizes)).all()
+        if not (known and whole and (nodes >= 0).all()):  # nor is NaN; the kernel checks no bounds
             raise InvalidInputError(
                 f"expected nodes of a tree that grew to {self._n} nodes, got {shown(nodes)} of {shown(sizes)}"
             )
+        nodes, sizes = nodes.astype(np.int64), sizes.astype(np.int64)
         if self.parameters.normalisation == "tree":
             pairs = zip(nodes.tolist(), sizes.tolist(), strict=True)
             return np.array([self.choice(node, size) for node, size in pairs])
