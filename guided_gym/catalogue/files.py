@@ -613,6 +613,8 @@ def parsed_toml(path: Path, text: str) -> dict[str, Any]:
     deepest = max((part.count(".") for part in re.split(r"[=,\[\]{}\n]", text)), default=0)
     if deepest > MOST_NESTED:  # Python's reader takes the square of that
         raise StorageError(f"{path}: expected keys of at most {MOST_NESTED} parts, got {deepest + 1}")
+    if re.search(r"[0-9_]{5000}", text):  # Python's reader takes a hundred times the memory
+        raise StorageError(f"{path}: expected TOML, got: an integer of thousands of digits")
     try:
         return tomllib.loads(text)
     except tomllib.TOMLDecodeError as error:

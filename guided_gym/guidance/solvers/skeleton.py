@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import itertools
 import math
 from functools import lru_cache
 from typing import NamedTuple
@@ -18,36 +17,65 @@ from guided_gym.geometry.environment import Environment
 from guided_gym.guidance.solvers.base import require_dimensions, require_rigid
 from guided_gym.guidance.solvers.graph import Anchors, Graph, GraphCostToGo
 from guided_gym.kernels.anchors import edge_anchors, nearest_segments
+from guided_gym.kernels.collision import motions_free
+from guided_gym.kernels.delaunay import CORNERS, circle_centres, triangulate
+from guided_gym.kernels.skeleton import branches, cut_branches, facing_feet, ridges, without_dead_ends
 from guided_gym.storage.preparations import Arrays, fits, prepared, within
 from guided_gym.structures.shortest_paths import graph_from_edges
 
 _SAMPLES_PER_DIAGONAL = 100  # boundary samples along a line as long as the workspace's diagonal
+_AT_LEAST = 8  # boundary samples along a line as long as the diagonal of a part of the free space
 _ALONG = 0.02  # of its length by which the clearance of an edge falls that runs along the boundary
-_FINER = 4  # samples twice as dense each time, where the skeleton is not what it must be
-_MANY = 200_000  # vertices of a diagram so large that a finer one would take tens of seconds
+_TRIES = 4  # times that a skeleton is drawn, by more and more samples where it is not what it must be
+_FINER = 4  # times as many samples on the walls where it is broken
+_FEW = 1000  # walls of a part whose other walls have twice as many samples, too
+_MANY = 1_000_000  # vertices of a diagram so large that a finer one would take tens of seconds
 _SAME = 1e-6  # spacings by which two samples are one
 _EDGE = 700  # bytes of an edge and its vertex, in graph, index and tree of shortest paths
 _PRUNE = 1.5  # a dead end nearer to the boundary than this many sample spacings is an artefact of sampling
 
+Floats = NDArray[np.float64]
+Ints = NDArray[np.int64]
+Int32s = NDArray[np.int32]
+
 
 class _Axis(NamedTuple):
-    """A skeleton as arrays; vertices without an edge have been pruned away."""
+    """A skeleton as arrays."""
 
-    points: NDArray[np.float64]  # [v, 2]
-    clearance: NDArray[np.float64]  # [v]
-    pairs: NDArray[np.int64]  # [m, 2] edges u < v, in lexicographic order
-    alive: NDArray[np.bool_]  # [v] which vertices have not been pruned
+    points: Floats  # [v, 2]
+    clearance: Floats  # [v]
+    pairs: Ints  # [m, 2] edges u < v, in lexicographic order
 
-    def wrong(self, parts: int, holes: int) -> int:
-        """By how many components and loops it differs from what it must have."""
+    def components(self) -> Ints:
+        """Number of the component that each vertex belongs to."""
         from scipy.sparse import coo_array
         from scipy.sparse.csgraph import connected_components
 
-        n, m = len(self.points), len(self.pairs)
-        links = coo_array((np.ones(m), tuple(self.pairs.T)), shape=(n, n))
-        dead = n - int(np.count_nonzero(self.alive))
-        components = (int(connected_components(links, directed=False)[0]) if n else 0) - dead
-        return abs(components - parts) + abs(m - (n - dead) + components - holes)
+        n = len(self.points)
+        links = coo_array((np.ones(len(self.pairs)), tuple(self.pairs.T)), shape=(n, n))
+        return np.asarray(connected_components(links, directed=False)[1], np.int64)
+
+    def only(self, kept: NDArray[np.bool_]) -> _Axis:
+        """Some of the vertices, with the edges between them."""
+        ids = np.cumsum(kept) - 1
+        return _Axis(self.points[kept], self.clearance[kept], ids[self.pairs[kept[self.pairs].all(axis=1)]])
+
+
+class _Walls(NamedTuple):
+    """Straight walls, ring by ring."""
+
+    tails: Floats  # [w, 2] where each begins
+    along: Floats  # [w, 2] from there to its end
+    ring: Ints  # [w]
+    part: Ints  # [w] of the free space
+    lengths: Floats  # [w]
+    spacing: Floats  # [w] that samples of its part keep
+    pieces: Ints  # [w] that samples cut it into
+
+    @property
+    def finer(self) -> Floats:
+        """By which factor samples of each are denser than its part's spacing asks for."""
+        return np.asarray(self.pieces / np.ceil(self.lengths / self.spacing))
 
 
 def skeleton_graph(environment: Environment) -> nx.Graph:
@@ -58,8 +86,8 @@ def skeleton_graph(environment: Environment) -> nx.Graph:
     """
     axis = _axis(environment)
     graph = nx.Graph()
-    for v in np.flatnonzero(axis.alive).tolist():
-        graph.add_node(v, pos=tuple(axis.points[v].tolist()), clearance=float(axis.clearance[v]))
+    for v, (pos, clearance) in enumerate(zip(axis.points.tolist(), axis.clearance.tolist(), strict=True)):
+        graph.add_node(v, pos=tuple(pos), clearance=clearance)
     lengths = np.hypot(*(axis.points[axis.pairs[:, 1]] - axis.points[axis.pairs[:, 0]]).T)
     for (a, b), length in zip(axis.pairs.tolist(), lengths.tolist(), strict=True):
         graph.add_edge(a, b, length=length)
@@ -75,12 +103,11 @@ def _axis(environment: Environment) -> _Axis:
         return (
             fits(kept["points"], np.float64, n, 2)
             and fits(kept["clearance"], np.float64, n)
-            and fits(kept["alive"], np.bool_, n)
             and fits(kept["pairs"], np.int64, -1, 2)
             and within(kept["pairs"], n)
         )
 
-    kept = prepared("skeleton 1", environment.fingerprint, lambda: _found(environment)._asdict(), sound)
+    kept = prepared("skeleton 2", environment.fingerprint, lambda: _found(environment)._asdict(), sound)
     return _Axis(*(kept[name] for name in _Axis._fields))
 
 
@@ -88,158 +115,155 @@ def _found(environment: Environment) -> _Axis:
     """The medial axis of the free workspace.
 
     Vertices of the Voronoi diagram of samples of the boundary, joined where the Voronoi edge lies in the
-    free space; dead ends that run into the boundary (into corners, and between samples) are pruned. Where it
-    does not have a part for each part of the free space and a loop around each hole, it is drawn finer,
-    unless it has more than 200,000 vertices.
+    free space; dead ends that run into the boundary (into corners, and between samples) are pruned. Parts of
+    the free space that have no skeleton in one piece with a loop around each hole are drawn finer, unless
+    the diagram has more than a million vertices.
 
     Raises:
         InvalidInputError: The free workspace is too small for a skeleton.
     """
-    free = environment.free_space
-    parts = [part for part in shapely.get_parts(free) if part.area > 0]
-    holes = sum(len(part.interiors) for part in parts)
-    spacing = environment.extent / _SAMPLES_PER_DIAGONAL
-    best, least = None, len(parts) + holes
-    for _ in range(_FINER if parts else 0):
-        axis = _drawn(environment, free, spacing)
-        wrong = axis.wrong(len(parts), holes) if axis is not None else least
-        if wrong < least:
-            best, least = axis, wrong
-        if wrong == 0 or (axis is not None and len(axis.points) > _MANY):
+    parts = shapely.get_parts(environment.free_space)
+    parts = parts[shapely.area(parts) > 0]
+    if len(parts) == 0:
+        raise InvalidInputError("the free workspace is too small for a medial axis: there is none")
+    walls = _walls(parts, environment.extent / _SAMPLES_PER_DIAGONAL)
+    best, least = None, len(parts) + int(shapely.get_num_interior_rings(parts).sum()) + 1
+    for _ in range(_TRIES):
+        axis, beside, broken, size = _drawn(environment, walls)
+        wrong, loose = _wrong(axis, parts)
+        if wrong.sum() < least:
+            best, least = axis, wrong.sum()
+        if least == 0 or size > _MANY:
             break
-        spacing /= 2
+        broken[beside[loose]] = True
+        some = wrong[walls.part] > 0
+        few = np.bincount(walls.part)[walls.part] < _FEW
+        walls.pieces[some] *= np.where(broken, _FINER, np.where(few, 2, 1))[some]
     if best is None or len(best.pairs) == 0:
         raise InvalidInputError("the free workspace is too small for a medial axis: no skeleton edge is left")
     return best
 
 
-def _drawn(environment: Environment, free: shapely.Geometry, spacing: float) -> _Axis | None:
-    """The skeleton by samples of the boundary that are so far apart."""
-    from scipy.spatial import Voronoi  # dear to import; four times as fast as shapely's diagram
+def _wrong(axis: _Axis, parts: NDArray[np.object_]) -> tuple[Ints, NDArray[np.bool_]]:
+    """By how many components and loops each part of the free space has others than it must.
 
-    sites = np.unique(_boundary_samples(free, spacing), axis=0)
-    if len(sites) < 4:
-        return None
-    origin = sites.mean(axis=0)
-    diagram = Voronoi(sites - origin)
-    points, pairs = diagram.vertices + origin, np.array(diagram.ridge_vertices)
-    shapely.prepare(free)
-    within = shapely.contains_xy(free, points)
-    pairs = pairs[(pairs[:, 0] >= 0) & (pairs[:, 1] >= 0)]
-    pairs = pairs[within[pairs[:, 0]] & within[pairs[:, 1]]]
+    Returns:
+        That; and which vertices are not in the largest component of their part.
+    """
+    of = axis.components()
+    sizes, first = np.bincount(of), np.unique(of, return_index=True)[1]
+    loops = np.bincount(of[axis.pairs[:, 0]], minlength=len(first)) - sizes + 1
+    shapely.prepare(parts)
+    one, near = shapely.STRtree(parts).query(shapely.points(axis.points[first]))
+    inside = shapely.contains_xy(parts[near], *axis.points[first][one].T)
+    one, part = one[inside], near[inside]
+    largest = np.zeros(len(parts), np.int64)
+    np.maximum.at(largest, part, sizes[one])
+    loose = np.zeros(len(first), np.bool_)
+    loose[one] = sizes[one] < largest[part]
+    components = np.bincount(part, minlength=len(parts))
+    holes = shapely.get_num_interior_rings(parts)
+    found = np.bincount(part, loops[one], len(parts)).astype(np.int64)
+    return np.abs(components - 1) + np.abs(found - holes), loose[of]
+
+
+def _walls(parts: NDArray[np.object_], spacing: float) -> _Walls:
+    """The straight walls of parts of the free space."""
+    low_x, low_y, high_x, high_y = shapely.bounds(parts).T
+    spacings = np.minimum(spacing, np.hypot(high_x - low_x, high_y - low_y) / _AT_LEAST)
+    rings, owner = shapely.get_rings(parts, return_index=True)
+    corners, ring = shapely.get_coordinates(rings, return_index=True)
+    along = np.diff(corners, axis=0)
+    wall = np.flatnonzero((ring[1:] == ring[:-1]) & (along != 0).any(axis=1))
+    ring, along = ring[wall], along[wall]
+    lengths, spacings = np.hypot(*along.T), spacings[owner[ring]]
+    pieces = np.ceil(lengths / spacings).astype(np.int64)
+    return _Walls(corners[wall], along, ring, owner[ring], lengths, spacings, pieces)
+
+
+def _drawn(environment: Environment, walls: _Walls) -> tuple[_Axis, Ints, NDArray[np.bool_], int]:
+    """The skeleton by some samples of the walls.
+
+    Returns:
+        It; three walls that are nearest to each vertex; the walls between which an edge between rings is
+        missing, for want of samples; and the number of vertices of the diagram.
+    """
+    sites, wall_of = _boundary_samples(environment, walls)
+    corners, beyond = triangulate(sites)
+    points = circle_centres(sites, corners)
     room = np.zeros(len(points))
-    room[within] = environment.clearance(points[within])
-    lengths = np.hypot(*(points[pairs[:, 1]] - points[pairs[:, 0]]).T)
+    real = np.flatnonzero(np.isfinite(points).all(axis=1))
+    room[real] = environment.clearance(points[real])
+    pairs = ridges(beyond, room)
     # An edge shorter than the clearance of an end stays in the disc around it.
+    lengths = np.hypot(*(points[pairs[:, 1]] - points[pairs[:, 0]]).T)
     doubtful = np.flatnonzero(lengths >= room[pairs].max(axis=1))
-    lines = shapely.linestrings(points[pairs[doubtful]])
-    pairs = np.delete(pairs, doubtful[~shapely.contains_properly(free, lines)], axis=0)
-    return _pruned(*_merged(points, pairs, environment), _PRUNE * spacing)
+    ends = points[pairs[doubtful]]
+    cut = doubtful[~motions_free(ends[:, 0].copy(), ends[:, 1].copy(), environment.point_geometry)]
+    broken = np.zeros(len(walls.part), np.bool_)
+    across = wall_of[_across(corners, beyond, pairs[cut], room) - CORNERS]
+    broken[across[np.diff(walls.ring[across])[:, 0] != 0]] = True
+    axis, of = _merged(points, room, np.delete(pairs, cut, axis=0), environment)
+    beside = wall_of[corners[of] - CORNERS]
+    falls = _ALONG * np.hypot(*(axis.points[axis.pairs[:, 1]] - axis.points[axis.pairs[:, 0]]).T)
+    reach = _PRUNE * (walls.spacing / walls.finer)[beside[:, 0]]
+    kept, alive = without_dead_ends(axis.clearance, axis.pairs, falls, reach)
+    return axis._replace(pairs=axis.pairs[kept]).only(alive), beside[alive], broken, len(points)
 
 
-def _boundary_samples(free: shapely.Geometry, spacing: float) -> NDArray[np.float64]:
-    """Points on the boundary, at most ``spacing`` apart; and across narrow gaps, what they face.
+def _across(corners: Int32s, beyond: Int32s, cut: Ints, room: Floats) -> Int32s:
+    """The two sites of each edge that was cut, or leaves the free space."""
+    t, k = np.nonzero((room[:, None] > 0) & (beyond >= 0) & (room[beyond] == 0))
+    leaving = np.stack([corners[t, (k + 1) % 3], corners[t, (k + 2) % 3]], axis=1)
+    of = corners[cut[:, 0]]
+    shared = of[(of[:, :, None] == corners[cut[:, 1]][:, None]).any(axis=2)].reshape(-1, 2)
+    sites = np.concatenate([leaving, shared])
+    return sites[(sites >= CORNERS).all(axis=1)]
+
+
+def _boundary_samples(environment: Environment, walls: _Walls) -> tuple[Floats, Ints]:
+    """Points on the boundary, and across narrow gaps, what they face; with the wall of each.
 
     Where two walls are closer than the samples, the Voronoi diagram has its way between them only if samples
     face each other: the edge between a point and its foot on the other wall is the middle line.
     """
-    rings = shapely.get_rings(shapely.get_parts(free))
-    samples, owners = shapely.get_coordinates(shapely.segmentize(rings, spacing), return_index=True)
-    corners, of = shapely.get_coordinates(rings, return_index=True)
-    within = np.flatnonzero(of[1:] == of[:-1])
-    tails, heads = corners[within], corners[within + 1]
-    points, near = _neighbours(samples, owners, tails, heads, spacing)
-    p, a, b = samples[points], tails[near], heads[near]
-    along = b - a
-    t = np.einsum("ij,ij->i", p - a, along) / np.einsum("ij,ij->i", along, along)
-    feet = a + np.clip(t, 0, 1)[:, None] * along
-    away = np.hypot(*(feet - p).T)
-    # A foot at an angle is round a corner: it faces nobody.
-    aslant = np.abs(np.einsum("ij,ij->i", feet - p, along)) / np.hypot(*along.T)
-    facing = (away > _SAME * spacing) & (aslant <= 1e-6 * away)
-    facing[facing] = shapely.contains_xy(free, *((p + feet)[facing] / 2).T)
-    feet = feet[facing]
-    known = shapely.STRtree(shapely.points(samples))
-    seen, _ = known.query(shapely.points(feet), predicate="dwithin", distance=_SAME * spacing)
-    return np.concatenate([samples, np.delete(feet, seen, axis=0)])
+    of = np.repeat(np.arange(len(walls.pieces)), walls.pieces)
+    pieces, widest = walls.pieces[of], walls.spacing[of]
+    k = np.arange(len(of)) - np.repeat(np.cumsum(walls.pieces) - walls.pieces, walls.pieces)
+    samples = walls.tails[of] + (k / pieces)[:, None] * walls.along[of]
+    # Samples of a wall shorter than the spacing are only as far apart as the wall is long.
+    finer = walls.finer[of]
+    reach = np.minimum(walls.lengths[of], widest) / finer
+    steps = np.where(reach > 0.5 * widest / finer, widest / finer, reach)
+    begins = np.flatnonzero(np.diff(walls.ring[of], prepend=-1))
+    before = np.roll(steps, 1)
+    before[begins] = steps[np.append(begins[1:], len(of)) - 1]
+    faced = facing_feet(
+        samples, walls.along[of] / pieces[:, None], np.maximum(steps, before), reach, _SAME * widest
+    )
+    feet, source, foot = faced[:, 2:], faced[:, 0].astype(np.int64), faced[:, 1].astype(np.int64)
+    free = environment.clearance((samples[source] + feet) / 2) > 0.0
+    return np.concatenate([samples, feet[free]]), np.concatenate([of, of[foot[free]]])
 
 
-def _neighbours(
-    samples: NDArray[np.float64],
-    owners: NDArray[np.int64],
-    tails: NDArray[np.float64],
-    heads: NDArray[np.float64],
-    spacing: float,
-) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
-    """Samples and walls that may face each other across a gap narrower than the samples of either are apart.
-
-    Along a wall shorter than ``spacing``, samples are only as far apart as the wall is long.
-    """
-    lengths = np.minimum(np.hypot(*(heads - tails).T), spacing)
-    apart = np.zeros(len(samples))
-    steps = np.where(owners[1:] == owners[:-1], np.hypot(*np.diff(samples, axis=0).T), 0.0)
-    steps[steps > 0.5 * spacing] = spacing  # parts of a longer wall
-    apart[:-1] = steps
-    apart[1:] = np.maximum(apart[1:], steps)
-    dots, lines = shapely.points(samples), shapely.linestrings(np.stack([tails, heads], axis=1))
-    found = shapely.STRtree(lines).query(dots, predicate="dwithin", distance=2 * apart)
-    wide = np.flatnonzero(lengths > 0.0)
-    back = shapely.STRtree(dots).query(lines[wide], predicate="dwithin", distance=2 * lengths[wide])
-    pairs = np.concatenate([found.T, np.stack([back[1], wide[back[0]]], axis=1)])
-    keys = np.unique(pairs[:, 0] * len(lines) + pairs[:, 1])
-    return keys // len(lines), keys % len(lines)
-
-
-def _merged(
-    points: NDArray[np.float64], pairs: NDArray[np.int64], environment: Environment
-) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.int64]]:
-    """Points, clearances and edges, with vertices that rounding keeps apart taken as one."""
+def _merged(points: Floats, room: Floats, pairs: Ints, environment: Environment) -> tuple[_Axis, Floats]:
+    """The skeleton, with vertices that rounding keeps apart taken as one; and one of them for each."""
     digits = 9 - int(np.ceil(np.log10(max(environment.extent, 1e-300))))
-    used, pairs = np.unique(pairs, return_inverse=True)
+    at_end = np.zeros(len(points), np.bool_)
+    at_end[pairs] = True
+    used = np.flatnonzero(at_end)
     rounded = np.round(points[used], digits)
     order = np.lexsort((rounded[:, 1], rounded[:, 0]))
     first = np.append(True, (rounded[order[1:]] != rounded[order[:-1]]).any(axis=1))[: len(order)]
-    ids = np.empty(len(order), np.int64)
-    ids[order] = np.cumsum(first) - 1
+    ids = np.empty(len(points), np.int64)
+    ids[used[order]] = np.cumsum(first) - 1
     merged = rounded[order[first]]
-    ends = np.sort(ids[pairs.reshape(-1, 2)], axis=1)
-    keys = np.unique(ends[:, 0] * len(merged) + ends[:, 1])
+    ends = np.sort(ids[pairs], axis=1)
+    keys = np.sort(ends[:, 0] * len(merged) + ends[:, 1])
+    keys = keys[np.diff(keys, prepend=-1) > 0]
     pairs = np.stack(np.divmod(keys, max(len(merged), 1)), axis=1)
-    clearance = environment.clearance(merged) if len(merged) else np.zeros(0)
-    return merged, clearance, pairs[pairs[:, 0] != pairs[:, 1]]
-
-
-def _pruned(
-    points: NDArray[np.float64], clearance: NDArray[np.float64], pairs: NDArray[np.int64], reach: float
-) -> _Axis:
-    """Shorten dead ends until they end ``reach`` away from the boundary, or run along it, or are gone.
-
-    An edge runs into the boundary, in a corner, if clearance falls along it: the wider, the faster.
-    """
-    falls = _ALONG * np.hypot(*(points[pairs[:, 1]] - points[pairs[:, 0]]).T)
-    degree = np.bincount(pairs.ravel(), minlength=len(points))
-    edges_of: list[list[int]] = [[] for _ in points]
-    for e, (a, b) in enumerate(pairs.tolist()):
-        edges_of[a].append(e)
-        edges_of[b].append(e)
-    kept, alive = np.ones(len(pairs), np.bool_), np.ones(len(points), np.bool_)
-    leaves = np.flatnonzero(degree <= 1).tolist()
-    while leaves:
-        v = leaves.pop()
-        if not alive[v] or degree[v] > 1 or clearance[v] >= reach:
-            continue
-        for e in edges_of[v]:
-            if kept[e]:
-                u = int(pairs[e].sum()) - v
-                if clearance[u] - clearance[v] <= falls[e]:
-                    break
-                kept[e] = False
-                degree[u] -= 1
-                if degree[u] <= 1:
-                    leaves.append(u)
-        else:
-            alive[v] = False
-    return _Axis(points, clearance, pairs[kept], alive)
+    one = used[order[first]]
+    return _Axis(merged, room[one], pairs[pairs[:, 0] != pairs[:, 1]]), one
 
 
 def _whole(size: float) -> int:
@@ -254,69 +278,14 @@ def medial_axis(environment: Environment, spacing: float) -> tuple[NDArray[np.fl
         (v, 2) vertices and (m, 2) int32 edges.
     """
     axis = _axis(environment)
-    chains = _chains(axis)
-    sizes = [len(chain) for chain in chains]
-    lines = shapely.linestrings(
-        axis.points[np.concatenate(chains)], indices=np.repeat(np.arange(len(chains)), sizes)
-    )
-    whole = float(shapely.length(lines).sum())
-    affordable("spacing", spacing, _whole(_EDGE * whole / spacing), "a skeleton cut into such edges")
-    parts = np.maximum(1, np.rint(shapely.length(lines) / spacing).astype(np.int64))
-    shares = np.concatenate([np.arange(1, k) / k for k in parts.tolist()])
-    inner = shapely.get_coordinates(
-        shapely.line_interpolate_point(np.repeat(lines, parts - 1), shares, normalized=True)
-    )
-    points: list[NDArray[np.float64]] = []
-    ids: dict[int, int] = {}
-    edges: list[tuple[int, int]] = []
-
-    def vertex(v: int) -> int:
-        if v not in ids:
-            ids[v] = len(points)
-            points.append(axis.points[v])
-        return ids[v]
-
-    last = 0
-    for chain, count in zip(chains, (parts - 1).tolist(), strict=True):
-        ends = vertex(chain[0]), vertex(chain[-1])
-        row = [ends[0], *range(len(points), len(points) + count), ends[1]]
-        points.extend(inner[last : last + count])
-        edges.extend(itertools.pairwise(row))
-        last += count
-    kept = [(a, b) for a, b in edges if a != b]
-    return np.array(points), np.array(kept, np.int32).reshape(-1, 2)
-
-
-def _chains(axis: _Axis) -> list[list[int]]:
-    """Paths between corners through vertices of degree 2, each once."""
-    near: dict[int, list[int]] = {v: [] for v in np.flatnonzero(axis.alive).tolist()}
-    for a, b in axis.pairs.tolist():
-        near[a].append(b)
-        near[b].append(a)
-    corners = {v for v, others in near.items() if len(others) != 2}
-    chains: list[list[int]] = []
-    seen: set[tuple[int, int]] = set()
-
-    def walk(corner: int) -> None:
-        for first in sorted(near[corner]):
-            if (corner, first) in seen:
-                continue
-            chain = [corner, first]
-            while chain[-1] not in corners:
-                a, b = near[chain[-1]]
-                chain.append(b if a == chain[-2] else a)
-            seen.update([(chain[0], chain[1]), (chain[-1], chain[-2])])
-            passed.update(chain)
-            chains.append(chain)
-
-    passed: set[int] = set()
-    for corner in sorted(corners):
-        walk(corner)
-    for v in near:
-        if v not in passed and v not in corners:  # on a loop: cut it here, at its first vertex
-            corners.add(v)
-            walk(v)
-    return chains
+    row, begins = branches(len(axis.points), axis.pairs)
+    steps = np.hypot(*np.diff(axis.points[row], axis=0, append=np.nan).T)
+    steps[begins[1:] - 1] = 0.0
+    lengths = np.add.reduceat(steps, begins[:-1])
+    affordable("spacing", spacing, _whole(_EDGE * lengths.sum() / spacing), "a skeleton cut into such edges")
+    parts = np.maximum(1, np.rint(lengths / spacing).astype(np.int64))
+    points, edges = cut_branches(axis.points, row, begins, parts)
+    return points, edges[edges[:, 0] != edges[:, 1]].astype(np.int32)
 
 
 class Skeleton(GraphCostToGo):

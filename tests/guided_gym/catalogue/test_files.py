@@ -274,6 +274,9 @@ def test_errors__of_files_that_are_none(tmp_path: Path) -> None:
     (tmp_path / "big.toml").write_bytes(b"#" * (2**24 + 1))
     with pytest.raises(StorageError, match="at most"):
         Problem.load(tmp_path / "big.toml")
+    (tmp_path / "long.toml").write_text("name = 1" + 10_000 * "0")
+    with pytest.raises(StorageError, match="integer of thousands of digits"):
+        Problem.load(tmp_path / "long.toml")
     (tmp_path / "[1].toml").write_text("[")
     with pytest.raises(StorageError, match=re.escape("[1].toml")):
         Problem.load(tmp_path / "[1].toml")

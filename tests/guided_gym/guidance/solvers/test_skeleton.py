@@ -97,6 +97,21 @@ def test_skeleton__does_not_depend_on_the_unit_of_length(scale: float) -> None:
     assert total == pytest.approx(sum(length for *_, length in small.edges(data="length")), rel=0.02)
 
 
+@pytest.mark.parametrize("seed", range(3))
+def test_skeleton__among_many_obstacles_has_a_part_for_each_part_and_a_loop_for_each_hole(seed: int) -> None:
+    # 400 octagons, in part on top of one another and on the bounds: pockets, and gaps of all widths.
+    turns = 2 * np.pi * (np.arange(8) + 0.5) / 8
+    centres = np.random.default_rng(seed).uniform(0, 28, (400, 1, 2))
+    octagons = centres + 0.5 * np.stack((np.cos(turns), np.sin(turns)), axis=1)
+    environment = Environment.from_polygons((0.0, 0.0, 28.0, 28.0), octagons)
+    parts = shapely.get_parts(environment.free_space)
+    graph = skeleton_graph(environment)
+    components = nx.number_connected_components(graph)
+    assert components == len(parts) > 1
+    holes = int(shapely.get_num_interior_rings(parts).sum())
+    assert graph.number_of_edges() - graph.number_of_nodes() + components == holes > 100
+
+
 def test_skeleton__says_when_there_is_no_room() -> None:
     full = Environment((0.0, 0.0, 10.0, 10.0), (shapely.box(-1, -1, 11, 11),))
     with pytest.raises(InvalidInputError, match="too small"):
