@@ -61,17 +61,24 @@ def door(call: Callable[P, R]) -> Callable[P, R]:
     """Hold the arguments of a function or method to their annotations, see the top of this module."""
     code = call.__code__  # type: ignore[attr-defined]
     names = code.co_varnames[: code.co_argcount]
-    early: list[dict[str, _Kind]] = []
+    checks: list[tuple[int, str, _Kind]] | None = None  # place, name and kind of each parameter to check
 
     @functools.wraps(call)
     def opened(*args: P.args, **kwargs: P.kwargs) -> R:
-        if not early:
-            early.append({name: kind for name, kind in _kinds(call, False).items() if kind.early})
-        checks = early[0]
-        if checks:
-            for name, value in (*zip(names, args, strict=False), *kwargs.items()):
-                if name in checks and checks[name].read(value) is _MISFIT:
-                    raise _refused(name, checks[name], value)
+        nonlocal checks
+        if checks is None:
+            places = {name: place for place, name in enumerate(names)}
+            early = {name: kind for name, kind in _kinds(call, False).items() if kind.early}
+            checks = [(places.get(name, sys.maxsize), name, kind) for name, kind in early.items()]
+        for place, name, kind in checks:  # on the way of every step: nothing else is looked at
+            if place < len(args):
+                value: object = args[place]
+            elif name in kwargs:
+                value = kwargs[name]
+            else:
+                continue
+            if kind.read(value) is _MISFIT:
+                raise _refused(name, kind, value)
         try:
             return call(*args, **kwargs)
         except GuidedGymError:

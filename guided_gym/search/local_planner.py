@@ -50,6 +50,7 @@ class LocalPlanner:
                     f"is {space.scale:.3g}"
                 )
         self.candidate_count = integer("candidates", candidates, least=1)
+        self._asked = 0  # the last count that was found to be one
 
     def candidates(self, q: NDArray[np.float64], count: int | None = None) -> NDArray[np.float64]:
         """(k, d) configurations drawn uniformly from the ball N_C(q).
@@ -57,7 +58,12 @@ class LocalPlanner:
         Raises:
             InvalidInputError: ``q`` is no configuration, or the count no positive integer.
         """
-        k = self.candidate_count if count is None else checked_candidates(count)
+        if count is None:
+            k = self.candidate_count
+        elif type(count) is int and count == self._asked:  # every step of an environment asks for one
+            k = count
+        else:
+            k = self._asked = checked_candidates(count)
         q = self.space.configuration(q)
         normals, radii = self.rng.standard_normal((k, q.size)), self.rng.random(k)
         return ball_samples(q, normals, radii, self.step, self.space.metric)
