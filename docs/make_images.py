@@ -59,8 +59,11 @@ def searched(problem: Problem, guidance: GuidingSpace, seed: int, samples: int =
 
 
 def save(figure: Figure, name: str, dots_per_inch: int = DOTS_PER_INCH) -> None:
-    """Write a figure as PNG."""
-    figure.savefig(IMAGES / f"{name}.png", dpi=dots_per_inch, metadata={"Software": None})
+    """Write a figure as PNG, in 256 colours: a third of the size, and looks the same."""
+    file = IMAGES / f"{name}.png"
+    figure.savefig(file, dpi=dots_per_inch, metadata={"Software": None})
+    colours = Image.open(file).convert("RGB").quantize(256, dither=Image.Dither.NONE)
+    colours.save(file, optimize=True)
     print(name)
 
 
