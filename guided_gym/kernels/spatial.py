@@ -364,6 +364,67 @@ def _far_off(
     return x * x + y * y + z * z > reach * reach
 
 
+CENTRE, BALL, OWN_SPEED = 0, 3, 4
+"""Of a ball around a body: its centre in space (3), its radius, and how far a point of the body moves."""
+
+
+@njit(cache=True)
+def _balls(numbers: FloatArray, index: IntArray, state: FloatArray) -> FloatArray:
+    """(bodies, 5) balls around the bodies, where the frames of the joints are."""
+    bodies = index[index[TABLE] + BODIES]
+    balls = np.empty((bodies, 5))
+    for body in range(bodies):
+        row = _body_row(index, body)
+        joint, at = index[row], index[row + 1]
+        a = numbers[at], numbers[at + 1], numbers[at + 2]
+        b = numbers[at + 3], numbers[at + 4], numbers[at + 5]
+        balls[body, OWN_SPEED] = 0.0
+        if joint >= 0:
+            a, b = _placed(state[joint], numbers, at), _placed(state[joint], numbers, at + 3)
+            balls[body, OWN_SPEED] = state[joint, SPEED] + state[joint, TURNS] * numbers[at + 7]
+        dx, dy, dz = b[0] - a[0], b[1] - a[1], b[2] - a[2]
+        for i in range(3):
+            balls[body, CENTRE + i] = 0.5 * (a[i] + b[i])
+        balls[body, BALL] = 0.5 * math.sqrt(dx * dx + dy * dy + dz * dz) + numbers[at + 6]
+    return balls
+
+
+@njit(cache=True)
+def _off_solid(numbers: FloatArray, s: int, kind: int, ball: FloatArray, by: float) -> bool:
+    """Whether a ball is farther than that from the one around a solid."""
+    if kind == HALF_SPACE:
+        return False
+    x, y, z = ball[CENTRE] - numbers[s], ball[CENTRE + 1] - numbers[s + 1], ball[CENTRE + 2] - numbers[s + 2]
+    reach = ball[BALL] + numbers[s + 16] + by
+    return x * x + y * y + z * z > reach * reach
+
+
+@njit(cache=True)
+def _off_each_other(one: FloatArray, two: FloatArray, by: float) -> bool:
+    """Whether two balls are farther apart than that."""
+    x, y, z = one[CENTRE] - two[CENTRE], one[CENTRE + 1] - two[CENTRE + 1], one[CENTRE + 2] - two[CENTRE + 2]
+    reach = one[BALL] + two[BALL] + by
+    return x * x + y * y + z * z > reach * reach
+
+
+@njit(cache=True)
+def _speed_between(numbers: FloatArray, index: IntArray, d: FloatArray, first: int, row: int) -> float:
+    """How far any point of a body moves, seen from the frame of the joint before the first, at most."""
+    table, turns, speed = index[TABLE], 0.0, 0.0
+    joint = index[row]
+    for j in range(first, joint + 1):
+        at = index[table + JOINT_NUMBERS] + JOINT_SIZE * j
+        joint_row = table + TABLE_HEADER + JOINT_ROW * j
+        if j > first:
+            speed += turns * numbers[at + 14]
+        rate = abs(numbers[at + 12] * d[index[joint_row + 1]])
+        if index[joint_row] > 0:
+            speed += rate
+        else:
+            turns += rate
+    return speed + turns * numbers[index[row + 1] + 7]
+
+
 # Poses ------------------------------------------------------------------------------------------------------
 
 
@@ -389,7 +450,7 @@ def _pose_free(numbers: FloatArray, index: IntArray, q: FloatArray) -> bool:
     joints = index[table + JOINTS]
     state = np.empty((joints, STATE))
     _frames(numbers, index, q, still, 0.0, 0, joints - 1, state)
-    first = _solid_row(index, 0)
+    first, balls = _solid_row(index, 0), _balls(numbers, index, state)
     for body in range(index[table + BODIES] - 1, -1, -1):
         row = _body_row(index, body)
         joint, at = index[row], index[row + 1]
@@ -399,9 +460,13 @@ def _pose_free(numbers: FloatArray, index: IntArray, q: FloatArray) -> bool:
         within = numbers[at + 6] + tolerance
         for i in range(index[table + SOLIDS]):
             s, kind = index[first + SOLID_ROW * i], index[first + SOLID_ROW * i + 1]
-            if not _far_off(numbers, s, kind, a, b, within) and not _gap(numbers, s, kind, a, b) > within:
+            near = not _off_solid(numbers, s, kind, balls[body], tolerance)
+            if near and not _gap(numbers, s, kind, a, b) > within:
                 return False
     for pair in range(index[table + PAIRS]):
+        row = _pair_row(index, pair)
+        if _off_each_other(balls[index[row]], balls[index[row + 1]], tolerance):
+            continue
         s, a, b, radius = _pair_ends(numbers, index, q, still, pair, state)
         within = radius + tolerance
         if not _far_off(numbers, s, BOX, a, b, within) and not _gap(numbers, s, BOX, a, b) > within:
@@ -472,9 +537,6 @@ def _pair_fraction(
     bend = own[BEND] + 0.5 * own[TURNS] * own[TURNS] * far
     speed = own[SPEED] + own[TURNS] * far
     a, b = _placed(own, numbers, at), _placed(own, numbers, at + 3)
-    # More than a pose's, so that rounding never leaves out more here than there.
-    if _far_off(numbers, s, kind, a, b, margin + speed * limit):
-        return limit
     shortest, t = 1e-3 * numbers[0] / (speed + 1e-300), 0.0
     for _ in range(_MAX_STEPS):
         nx, ny, nz, one, two = _gaps(numbers, s, kind, a, b)
@@ -513,13 +575,16 @@ def _motion_fraction(
     joints = index[table + JOINTS]
     state, later = np.empty((joints, STATE)), np.empty((joints, STATE))
     _frames(numbers, index, q, d, 0.0, 0, joints - 1, state)
-    solids = _solid_row(index, 0)
+    # Margins are more than a pose's, so that rounding never leaves out more here than there.
+    solids, margin, balls = _solid_row(index, 0), numbers[1], _balls(numbers, index, state)
     for body in range(index[table + BODIES] - 1, -1, -1):
         row = _body_row(index, body)
         if index[row] < 0:
             continue
         for i in range(index[table + SOLIDS]):
             s, kind = index[solids + SOLID_ROW * i], index[solids + SOLID_ROW * i + 1]
+            if _off_solid(numbers, s, kind, balls[body], margin + balls[body, OWN_SPEED] * fraction):
+                continue
             t = _pair_fraction(numbers, index, q, d, s, kind, 0, row, state, later, fraction)
             if t < fraction and (whole or t == 0.0):
                 return 0.0
@@ -527,6 +592,9 @@ def _motion_fraction(
     for pair in range(index[table + PAIRS]):
         at = _pair_row(index, pair)
         row, first = _body_row(index, index[at + 1]), index[_body_row(index, index[at])] + 1
+        moved = _speed_between(numbers, index, d, first, row) * fraction
+        if _off_each_other(balls[index[at]], balls[index[at + 1]], margin + moved):
+            continue
         _frames(numbers, index, q, d, 0.0, first, index[row], state)
         t = _pair_fraction(numbers, index, q, d, index[at + 2], BOX, first, row, state, later, fraction)
         if t < fraction and (whole or t == 0.0):

@@ -1,0 +1,398 @@
+"""Arms in space: certified motions against pinocchio and coal, and RRT's nodes a second beside pyroboplan's.
+
+    python benchmarks/spatial_arms.py --motions 100000 --json spatial.json
+    python benchmarks/spatial_arms.py --rrt
+
+Needs pin, coal and example-robot-data; ``--rrt`` needs pyroboplan 1.3.1, too. Pinocchio places the bodies,
+and coal says how far they are apart. A pair of bodies is looked at again after the time that it needs to
+meet, by its gap and by the sum of |dq| times reach of the joints before it; or after it may have moved by a
+ten-thousandth of the arm's reach, if that is later. Half of the motions start near an obstacle.
+
+coal 3.0.3 answers -2 or -1.8e308 for some gaps that are nearly 0. So it is asked for capsules half as thick:
+they are still apart where ours touch.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import sys
+import time
+from pathlib import Path
+from typing import Any
+
+import coal
+import numpy as np
+import numpy.typing as npt
+import pinocchio as pin
+from rich.console import Console
+from rich.progress import Progress
+from rich.table import Table
+
+from guided_gym.catalogue.spatial import arm as our_arm
+from guided_gym.geometry.solids import Box, Capsule, Cylinder, Solid, SpatialEnvironment
+from guided_gym.geometry.space import ConfigurationSpace
+from guided_gym.geometry.spatial_arms import SpatialArm
+from guided_gym.options import SearchOptions
+from guided_gym.planning import guided_search
+from guided_gym.problems import Problem, Task
+
+FloatArray = npt.NDArray[np.float64]
+IntArray = npt.NDArray[np.int64]
+
+URDFS = {
+    "panda": ("panda_description/urdf/panda.urdf", "panda_hand_tcp"),
+    "ur5": ("ur_description/urdf/ur5_robot.urdf", "ee_link"),
+}
+STEP = 1e-4  # of the reach
+LONGEST = 0.2  # likewise
+NEAR = 0.02  # likewise
+SOLIDS = (5, 10)
+CHUNK = 2_000
+STEP_OF_RRT = 0.05  # of the diagonal, on both sides
+STEP_OF_CHECKS = 0.05  # radians: the default of pyroboplan
+
+
+def robots() -> Path:
+    """The folder of example-robot-data."""
+    for entry in sys.path:
+        for above in (Path(entry), *Path(entry).parents[:4]):
+            folder = above / "cmeel.prefix" / "share" / "example-robot-data" / "robots"
+            if folder.is_dir():
+                return folder
+    raise SystemExit("expected the package example-robot-data, found none")
+
+
+def arms() -> dict[str, tuple[SpatialArm, Any]]:
+    """Each arm, and pinocchio's model of it."""
+    ours = our_arm()
+    found = {ours.name: (ours, _model(ours))}
+    for name, (file, tip) in URDFS.items():
+        path = robots() / file
+        arm = SpatialArm.from_urdf(path, tip, self_collision=True)
+        found[name] = arm, pin.buildModelFromUrdf(str(path))
+    return found
+
+
+def _model(arm: SpatialArm) -> Any:
+    """Pinocchio's model of an arm whose joints all turn."""
+    model, parent = pin.Model(), 0
+    for joint in arm.joints:
+        place = pin.SE3(np.array(joint.turned), np.array(joint.offset))
+        parent = model.addJoint(
+            parent, pin.JointModelRevoluteUnaligned(np.array(joint.axis)), place, joint.name
+        )
+    return model
+
+
+class Reference:
+    """Gaps of an arm's bodies from solids and from each other, along motions.
+
+    Args:
+        arm: The arm.
+        model: Pinocchio's model of it.
+        world: The solids.
+    """
+
+    def __init__(self, arm: SpatialArm, model: Any, world: SpatialEnvironment) -> None:
+        self.model, self.data = model, model.createData()
+        self.geometry, self.step = pin.GeometryModel(), STEP * arm.radius
+        self.columns = np.array([model.joints[model.getJointId(name)].idx_q for name in arm.names])
+        ids = [model.getJointId(joint.name) for joint in arm.joints]
+        excess, bodies = [], []
+        for body in arm.bodies:
+            parent = 0 if body.joint < 0 else ids[body.joint]
+            excess.append(self._add(body.shape, parent))
+            bodies.append(body.joint)
+        for solid in (*world.solids, *_walls(world)):
+            excess.append(self._add(solid, 0))
+        count = len(bodies)
+        pairs = [(b, s) for b in range(count) if bodies[b] >= 0 for s in range(count, len(excess))]
+        pairs += [(min(i, k), max(i, k)) for i, k in arm.pairs]
+        for i, k in pairs:
+            self.geometry.addCollisionPair(pin.CollisionPair(i, k))
+        self.found = self.geometry.createData()
+        self.excess = np.array([excess[i] + excess[k] for i, k in pairs])
+        moves = np.zeros((len(excess), len(arm.names)))
+        for b, joint in enumerate(bodies):
+            if joint >= 0:
+                moves[b] = self._moves(ids[: joint + 1], arm, b)
+        # A body sees another one move by the joints between them alone; the sum of both is more than that.
+        self.moves = np.array([moves[i] + moves[k] for i, k in pairs])
+
+    def _add(self, shape: Solid, parent: int) -> float:
+        """Add a shape, a capsule half as thick; by how much coal's distances are then too large."""
+        numbers, less = shape.numbers(), 0.0
+        if isinstance(shape, Capsule):
+            less = 0.5 * shape.radius
+            made = coal.Capsule(shape.radius - less, shape.length)
+        elif isinstance(shape, Cylinder):
+            made = coal.Cylinder(shape.radius, shape.length)
+        else:
+            assert isinstance(shape, Box)
+            made = coal.Box(*shape.sides)
+        place = pin.SE3(numbers[3:12].reshape(3, 3).T, numbers[:3])
+        name = str(len(self.geometry.geometryObjects))
+        self.geometry.addGeometryObject(pin.GeometryObject(name, parent, place, made))
+        return less
+
+    def _moves(self, ids: list[int], arm: SpatialArm, body: int) -> FloatArray:
+        """(d,) how far a body moves at most, by each joint's radian."""
+        shape = arm.bodies[body].shape
+        reach = max(np.linalg.norm(shape.start), np.linalg.norm(shape.end)) + shape.radius
+        moves = np.zeros(len(arm.names))
+        for joint, at in zip(reversed(arm.joints[: len(ids)]), reversed(ids), strict=True):
+            if joint.name in arm.names:
+                moves[arm.names.index(joint.name)] = reach
+            reach += np.linalg.norm(self.model.jointPlacements[at].translation)
+        return moves
+
+    def _configuration(self, q: FloatArray) -> FloatArray:
+        full: FloatArray = pin.neutral(self.model)
+        full[self.columns] = q
+        return full
+
+    def touches(self, a: FloatArray, d: FloatArray) -> bool:
+        """Whether bodies touch along the motion by d from a."""
+        speeds = self.moves @ np.abs(d) + 1e-300
+        pin.computeDistances(self.model, self.data, self.geometry, self.found, self._configuration(a))
+        gaps = np.array([each.min_distance for each in self.found.distanceResults]) - self.excess
+        if gaps.min() <= 0.0:
+            return True
+        due = np.maximum(0.999 * gaps, self.step) / speeds
+        open_pairs = np.flatnonzero(due < 1.0)
+        while open_pairs.size:
+            t = float(due[open_pairs].min())
+            pin.updateGeometryPlacements(
+                self.model, self.data, self.geometry, self.found, self._configuration(a + t * d)
+            )
+            for k in open_pairs[due[open_pairs] <= t].tolist():
+                gap = pin.computeDistance(self.geometry, self.found, k).min_distance - self.excess[k]
+                if gap <= 0.0:
+                    return True
+                due[k] = t + max(0.999 * gap, self.step) / speeds[k]
+            open_pairs = open_pairs[due[open_pairs] < 1.0]
+        pin.computeDistances(self.model, self.data, self.geometry, self.found, self._configuration(a + d))
+        gaps = np.array([each.min_distance for each in self.found.distanceResults]) - self.excess
+        return bool(gaps.min() <= 0.0)
+
+
+def _walls(world: SpatialEnvironment) -> list[Box]:
+    """The sides of the room, as boxes outside of it."""
+    low, high = np.array(world.room[:3]), np.array(world.room[3:])
+    thick = float((high - low).max())
+    walls = []
+    for axis in range(3):
+        for side in (0, 1):
+            a, b = low - thick, high + thick
+            a[axis] = high[axis] if side else low[axis] - thick
+            b[axis] = high[axis] + thick if side else low[axis]
+            walls.append(Box.between(a, b))
+    return walls
+
+
+def world_of(rng: np.random.Generator, arm: SpatialArm) -> SpatialEnvironment:
+    """Random solids of every kind, off the axis of the first joint."""
+    size, solids = arm.radius, list[Solid]()
+    while len(solids) < rng.integers(*SOLIDS):
+        away, turn = rng.uniform(0.35, 0.95) * size, rng.uniform(-np.pi, np.pi)
+        centre = np.array([away * np.cos(turn), away * np.sin(turn), rng.uniform(0.0, 0.9) * size])
+        along = rng.normal(size=3)
+        along *= rng.uniform(0.05, 0.2) * size / np.linalg.norm(along)
+        ends = tuple((centre - along).tolist()), tuple((centre + along).tolist())
+        radius = rng.uniform(0.03, 0.1) * size
+        solids.append(
+            [
+                lambda c=centre: Box(
+                    tuple(c.tolist()),
+                    tuple((rng.uniform(0.06, 0.3, 3) * size).tolist()),
+                    tuple(rng.uniform(-np.pi, np.pi, 3).tolist()),
+                ),
+                lambda e=ends, r=radius: Cylinder(*e, r),
+                lambda e=ends, r=radius: Capsule(*e, r),
+                lambda c=centre, r=radius: Capsule.sphere(tuple(c.tolist()), r),
+            ][rng.integers(4)]()
+        )
+    edge = 1.05 * size
+    return SpatialEnvironment((-edge, -edge, -0.6 * size, edge, edge, 1.3 * size), solids)
+
+
+def judge(arm: SpatialArm, model: Any, seed: int, count: int) -> dict[str, float]:
+    """Counts over some motions in one world."""
+    rng = np.random.default_rng(seed)
+    space = ConfigurationSpace(arm, world_of(rng, arm))
+    reference = Reference(arm, model, space.environment)
+    starts = _starts(space, rng, count)
+    steps = rng.standard_normal(starts.shape)
+    steps /= np.linalg.norm(steps, axis=1, keepdims=True)
+    ends = starts + steps * rng.uniform(0, LONGEST * arm.radius, (len(starts), 1)) / space.weights
+    fixed = space.periods == 0
+    ends[:, fixed] = np.clip(ends, space.lower, space.upper)[:, fixed]
+    ends = space.wrap(ends)
+    change = space.difference(starts, ends)
+    began = time.process_time()
+    free = np.asarray(space.motions_free(starts, ends))
+    seconds = time.process_time() - began
+    hit = np.zeros(len(starts), np.bool_)
+    looked = free | (np.arange(len(starts)) % 20 == 0)  # of those refused, a twentieth
+    for k in np.flatnonzero(looked):
+        hit[k] = reference.touches(starts[k], change[k])
+    for k in np.flatnonzero(free & hit):
+        print(f"WRONGLY FREE: {seed} {starts[k].tolist()} -> {ends[k].tolist()}", file=sys.stderr)
+    return {
+        "motions": len(starts),
+        "free": int(free.sum()),
+        "wrongly_free": int((free & hit).sum()),
+        "refused_and_looked_at": int((looked & ~free).sum()),
+        "refused_without_contact": int((looked & ~free & ~hit).sum()),
+        "seconds": seconds,
+    }
+
+
+def _starts(space: ConfigurationSpace, rng: np.random.Generator, count: int) -> FloatArray:
+    """Valid configurations, half of them near an obstacle."""
+    near: list[FloatArray] = []
+    some: list[FloatArray] = []
+    while sum(map(len, near)) < count // 2 or sum(map(len, some)) < count - count // 2:
+        q = space.sample(rng, 4 * count)
+        room = np.asarray(space.clearance(q))
+        some.append(q[room > 0])
+        near.append(q[(room > 0) & (room < NEAR * space.robot.size)])
+    return np.concatenate([np.concatenate(some)[: count - count // 2], np.concatenate(near)[: count // 2]])
+
+
+def certified(motions: int, seconds: float, console: Console) -> dict[str, dict[str, float]]:
+    """So many motions of each arm, or as many as the time allows."""
+    totals: dict[str, dict[str, float]] = {}
+    every = arms()
+    with Progress(console=console) as progress:
+        task = progress.add_task("motions", total=motions * len(every))
+        for number, (name, (arm, model)) in enumerate(every.items()):
+            left, seed, began = motions, 0, time.process_time()
+            while left > 0 and time.process_time() - began < seconds:
+                counts = judge(arm, model, 100_000 * number + seed, min(CHUNK, left))
+                total = totals.setdefault(name, dict.fromkeys(counts, 0))
+                for key, value in counts.items():
+                    total[key] += value
+                progress.advance(task, counts["motions"])
+                left, seed = left - CHUNK, seed + 1
+    table = Table("arm", "motions", "free", "wrongly free", "refused without contact", "us a motion")
+    for name, t in totals.items():
+        table.add_row(
+            name, f"{t['motions']:,.0f}", f"{t['free']:,.0f}", f"{t['wrongly_free']:.0f}",
+            f"{t['refused_without_contact']:.0f} of {t['refused_and_looked_at']:,.0f}",
+            f"{1e6 * t['seconds'] / t['motions']:.2f}",
+        )  # fmt: skip
+    console.print(table)
+    return totals
+
+
+# RRT --------------------------------------------------------------------------------------------------------
+
+
+def rrt(seconds: float, console: Console) -> dict[str, float]:
+    """Nodes a second of processor time on pyroboplan's Panda and in its world: ours, and its own."""
+    from pyroboplan.models import panda
+    from pyroboplan.models.utils import get_example_models_folder
+
+    model, collisions, visuals = panda.load_models(use_sphere_collisions=True)
+    panda.add_self_collisions(model, collisions)
+    panda.add_object_collisions(model, collisions, visuals)
+    path = Path(get_example_models_folder()) / "panda_description" / "urdf" / "panda_spheres.urdf"
+    arm = SpatialArm.from_urdf(path, "panda_hand", self_collision=True)
+    world = _world_of(collisions)
+    space = ConfigurationSpace(arm, world)
+    found: dict[str, float] = {}
+    q = space.sample(np.random.default_rng(0), 4000)
+    q = q[np.asarray(space.valid(q))]
+    console.print(
+        f"{len(arm.bodies)} bodies, {len(arm.pairs)} pairs of them; pyroboplan has "
+        f"{len(collisions.collisionPairs)} pairs; {len(q)} of 4,000 configurations are free"
+    )
+    start, goal = q[0], q[1]
+    problem = Problem(arm, world, Task(start, goal, tolerance=1e-9, by_edge=False), "Panda")
+    options = SearchOptions(step=STEP_OF_RRT * space.extent)
+    guided_search(problem, "rrt", seed=0, max_samples=100, measure=False, options=options)
+    ours = []
+    for seed in range(5):
+        result = guided_search(problem, "rrt", seed=seed, max_samples=20_000, measure=False, options=options)
+        ours.append(len(result.tree) / result.processor)
+    found["ours"] = float(np.median(ours))
+    console.print(f"ours: {found['ours']:,.0f} nodes/s (20,000 samples, median of 5)")
+    length = options.step / float(np.mean(space.weights))
+    found["pyroboplan"] = _pyroboplan(model, collisions, arm, (start, goal), length, seconds)
+    found["ratio"] = found["ours"] / found["pyroboplan"]
+    console.print(
+        f"pyroboplan: {found['pyroboplan']:,.0f} nodes/s ({seconds:g} s); {found['ratio']:,.0f} times"
+    )
+    return found
+
+
+def _world_of(collisions: Any) -> SpatialEnvironment:
+    """The solids of pyroboplan's world: what is fixed to the universe and no part of the arm."""
+    solids: list[Solid] = []
+    for each in collisions.geometryObjects:
+        if "panda" in each.name:
+            continue
+        centre = tuple(each.placement.translation.tolist())
+        if isinstance(each.geometry, coal.Sphere):
+            solids.append(Capsule.sphere(centre, each.geometry.radius))
+        else:
+            solids.append(Box(centre, tuple((2.0 * each.geometry.halfSide).tolist())))
+    return SpatialEnvironment((-2.0, -2.0, -1.0, 2.0, 2.0, 2.0), solids)
+
+
+def _pyroboplan(
+    model: Any,
+    collisions: Any,
+    arm: SpatialArm,
+    ends: tuple[FloatArray, FloatArray],
+    length: float,
+    seconds: float,
+) -> float:
+    """Nodes a second of processor time of its RRT."""
+    from pyroboplan.planning.rrt import RRTPlanner, RRTPlannerOptions
+
+    def full(q: FloatArray) -> FloatArray:
+        other: FloatArray = pin.neutral(model)
+        for name, value in zip(arm.names, q, strict=True):
+            other[model.joints[model.getJointId(name)].idx_q] = value
+        return other
+
+    planner = RRTPlanner(
+        model,
+        collisions,
+        RRTPlannerOptions(
+            max_step_size=STEP_OF_CHECKS,
+            max_connection_dist=length,
+            max_planning_time=seconds,
+            rng_seed=0,
+            fast_return=False,
+        ),
+    )
+    began = time.process_time()
+    planner.plan(full(ends[0]), full(ends[1]))
+    return float(len(planner.start_tree.nodes) / (time.process_time() - began))
+
+
+def main() -> int:
+    parser = argparse.ArgumentParser(description=(__doc__ or "").split("\n")[0])
+    parser.add_argument("--motions", type=int, default=10_000, help="of each arm")
+    parser.add_argument("--rrt", action="store_true", help="nodes a second instead, needs pyroboplan")
+    parser.add_argument(
+        "--seconds", type=float, default=0.0, help="of pyroboplan's run (10), or of each arm's motions (any)"
+    )
+    parser.add_argument("--json", type=Path, default=None, help="where to write the figures")
+    arguments = parser.parse_args()
+    console = Console()
+    if arguments.rrt:
+        figures: dict[str, Any] = dict(rrt(arguments.seconds or 10.0, console))
+    else:
+        figures = dict(certified(arguments.motions, arguments.seconds or np.inf, console))
+    if arguments.json:
+        arguments.json.write_text(json.dumps(figures, indent=2) + "\n")
+    return 1 if not arguments.rrt and any(counts["wrongly_free"] for counts in figures.values()) else 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())
