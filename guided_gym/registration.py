@@ -30,6 +30,7 @@ ENVIRONMENTS: Final[dict[str, str]] = {
     "guided_gym/PlanarArm7-v0": "PlanarArm7",
     "guided_gym/RandomPlanarArm4-v0": "RandomPlanarArm4",
     "guided_gym/RandomPlanarArm7-v0": "RandomPlanarArm7",
+    "guided_gym/Snake7-v0": "Snake7",
     "guided_gym/RandomSpatialArm-v0": "RandomSpatialArm",
 }
 

@@ -19,6 +19,7 @@ from guided_gym.catalogue.placement import free_pose
 from guided_gym.checks import shown
 from guided_gym.errors import InvalidInputError
 from guided_gym.geometry.environment import Bounds, Environment
+from guided_gym.geometry.linkages import Linkage
 from guided_gym.geometry.robots import Robot
 from guided_gym.geometry.space import ConfigurationSpace
 from guided_gym.problems import Problem, Task
@@ -40,6 +41,11 @@ STICK_LENGTH: Final = 0.2
 STICK_WEIGHT: Final = 0.4 / math.pi  # length per radian
 MOST_OBSTACLES: Final = 128  # of a perfect maze
 HARD_OBSTACLES: Final = (105, MOST_OBSTACLES)
+ANY_OBSTACLES: Final = (57, MOST_OBSTACLES)  # as the benchmark's own maps have
+LINKS: Final = 5  # of the snake: seven coordinates
+UNIT: Final = 2.0 / LATTICE / 1.4  # where snakes are published, a cell is 1.4 wide, and a radian counts as 1
+LINK: Final = (0.8 * UNIT, 0.1 * UNIT)  # length and width
+SNAKE_TRIES: Final = (2000, 20)  # configurations at once, and how often; few are free where it is narrow
 HARD_APART: Final = 10  # cells on the shortest way from start to goal, at least
 
 Edges = NDArray[np.float64]
@@ -156,6 +162,29 @@ def hard_stick_maze(rng: np.random.Generator) -> Problem:
     return lattice_maze(rng, "stick", HARD_OBSTACLES, "HardStickMaze", HARD_APART)
 
 
+def snake_maze(rng: np.random.Generator) -> Problem:
+    """A 15 x 15 lattice with 57 to 128 obstacle cells, as in NEXT, for a snake of five links."""
+    robot = Linkage.snake([LINK[0]] * LINKS, LINK[1], limits=math.pi, self_collision=True)
+    while True:
+        environment = lattice_environment(_lattice(rng, ANY_OBSTACLES))
+        space = ConfigurationSpace(robot, environment, UNIT)
+        start, goal = _free_snake(space, rng), _free_snake(space, rng)
+        if start is not None and goal is not None and not space.motion_free(start, goal):
+            return Problem(robot, environment, Task(start, goal), "Snake7", rotation_weight=UNIT)
+
+
+def _free_snake(space: ConfigurationSpace, rng: np.random.Generator) -> NDArray[np.float64] | None:
+    """(7,) a free configuration; None if none was found."""
+    count, rounds = SNAKE_TRIES
+    for _ in range(rounds):
+        poses = space.sample(rng, count)
+        free = np.flatnonzero(space.valid(poses))
+        if free.size:
+            pose: NDArray[np.float64] = poses[free[0]]
+            return pose
+    return None
+
+
 def lattice_mazes(robot: str, obstacles: tuple[int, int], name: str = "LatticeMaze") -> SampledProblems:
     """Lattices like those of the NEXT benchmark, with a number of obstacle cells in a range.
 
@@ -182,17 +211,23 @@ def lattice_maze(
 
     With ``apart``, start and goal do not see each other and their way leads through as many cells or more.
     """
-    walls = carved(rng, LATTICE // 2, LATTICE // 2, newest=rng.random())
-    keep = int(rng.integers(obstacles[0], obstacles[1] + 1))
-    inner = np.argwhere(walls[1:-1, 1:-1]) + 1
-    gone = rng.permutation(len(inner))[: MOST_OBSTACLES - keep]
-    walls[tuple(inner[gone].T)] = False
+    walls = _lattice(rng, obstacles)
     environment, body = lattice_environment(walls), lattice_robot(robot)
     space = ConfigurationSpace(body, environment, STICK_WEIGHT if body.dimension == 3 else None)
     start, goal = free_pose(space, rng), free_pose(space, rng)
     while apart and (len(way(walls, _cell(start), _cell(goal))) < apart or space.motion_free(start, goal)):
         start, goal = free_pose(space, rng), free_pose(space, rng)
     return lattice_problem(environment, body, Task(start, goal), name)
+
+
+def _lattice(rng: np.random.Generator, obstacles: tuple[int, int]) -> Cells:
+    """(15, 15) the obstacle cells of a perfect maze, but for some, so that a number in a range is left."""
+    walls = carved(rng, LATTICE // 2, LATTICE // 2, newest=rng.random())
+    keep = int(rng.integers(obstacles[0], obstacles[1] + 1))
+    inner = np.argwhere(walls[1:-1, 1:-1]) + 1
+    gone = rng.permutation(len(inner))[: MOST_OBSTACLES - keep]
+    walls[tuple(inner[gone].T)] = False
+    return walls
 
 
 def _cell(q: NDArray[np.float64]) -> Room:

@@ -18,7 +18,13 @@ from guided_gym.catalogue.buildings import building, random_building
 from guided_gym.catalogue.clutter import random_clutter
 from guided_gym.catalogue.distributions import FixedProblem, ProblemDistribution, SampledProblems
 from guided_gym.catalogue.files import file_distribution, is_file_name
-from guided_gym.catalogue.mazes import hard_point_maze, hard_stick_maze, random_maze, random_point_maze
+from guided_gym.catalogue.mazes import (
+    hard_point_maze,
+    hard_stick_maze,
+    random_maze,
+    random_point_maze,
+    snake_maze,
+)
 from guided_gym.catalogue.next_mazes import next_point, next_stick
 from guided_gym.catalogue.shapes import SIZE, columns, cup, rectangle_robot, wall
 from guided_gym.catalogue.splits import in_split
@@ -124,6 +130,7 @@ _CATALOGUE: dict[str, Callable[[], ProblemDistribution]] = {
     "PlanarArm7": _fixed(arms.planar_arm_7),
     "RandomPlanarArm4": _drawn("RandomPlanarArm4", arms.random_planar_arm_4, angles=4),
     "RandomPlanarArm7": _drawn("RandomPlanarArm7", arms.random_planar_arm_7, angles=7),
+    "Snake7": _drawn("Snake7", snake_maze, angles=5),
     "SpatialArm": _fixed(spatial.spatial_arm),
     "RandomSpatialArm": _drawn("RandomSpatialArm", spatial.random_spatial_arm, angles=7),
 }

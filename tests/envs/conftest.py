@@ -14,5 +14,8 @@ Options = Callable[[str], dict[str, Any]]
 
 @pytest.fixture(scope="session")
 def options_of() -> Options:
-    """Options for an id: a small oracle for arms, whose own takes seconds."""
-    return lambda name: {"oracle": OracleOptions(resolution=(1000,))} if "Arm" in name else {}
+    """Options for an id: a small oracle for robots with joints, whose own takes seconds."""
+    jointed = "Arm", "Snake"
+    return lambda name: (
+        {"oracle": OracleOptions(resolution=(1000,))} if any(word in name for word in jointed) else {}
+    )

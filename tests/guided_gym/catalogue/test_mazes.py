@@ -7,7 +7,14 @@ import pytest
 import shapely
 
 from guided_gym.catalogue.grids import carved
-from guided_gym.catalogue.mazes import MOST_OBSTACLES, POINT_ROOMS, ROOMS, lattice_environment, lattice_mazes
+from guided_gym.catalogue.mazes import (
+    MOST_OBSTACLES,
+    POINT_ROOMS,
+    ROOMS,
+    lattice_environment,
+    lattice_mazes,
+    snake_maze,
+)
 from guided_gym.catalogue.table import make_distribution
 from guided_gym.errors import InvalidInputError
 from guided_gym.measure.oracle import Oracle
@@ -62,6 +69,24 @@ def test_random_mazes__tell_the_way_from_the_rest(name):
     assert way.intersection(elsewhere).area == pytest.approx(0, abs=1e-9)
     assert way.area + elsewhere.area == pytest.approx(100)
     assert way.intersection(problem.environment.obstacle_union).area == pytest.approx(0, abs=1e-9)
+
+
+def test_snakes__are_of_the_published_size_and_start_free():
+    cell = 2.0 / 15
+    for seed in range(4):
+        problem = snake_maze(np.random.default_rng(seed))
+        space, task = problem.space, problem.task
+        assert space.dimension == 7 and len(problem.robot.bodies) == 5
+        assert problem.robot.joints[1].offset == pytest.approx((0.8 / 1.4 * cell, 0.0))
+        assert space.valid(task.start) and space.valid(task.goal)
+        assert not space.motion_free(task.start, task.goal)
+        turned = np.array(task.start)
+        turned[6] += 0.1
+        assert space.distance(task.start, turned) == pytest.approx(0.1 / 1.4 * cell)
+        cells = round(problem.environment.obstacle_union.area / cell**2)
+        assert 57 <= cells <= MOST_OBSTACLES
+        again = snake_maze(np.random.default_rng(seed))
+        assert again.fingerprint == problem.fingerprint
 
 
 @pytest.mark.parametrize("name", ["HardPointMaze", "HardStickMaze"])
