@@ -93,7 +93,8 @@ class Searched(GraphCostToGo):
         vertices = ids.astype(np.int32)
         starts = np.repeat(np.ascontiguousarray(states), vertices.shape[1], axis=0)
         free = self._free(starts, self.graph.points[vertices.ravel()]).reshape(lengths.shape)
-        free |= ~free.any(axis=1, keepdims=True)
+        if len(self._index) > 1:  # else nobody has a way: the start or the goal is in collision
+            free |= ~free.any(axis=1, keepdims=True)
         return Anchors(vertices, np.where(free, lengths, np.inf), np.full(vertices.shape, -1, np.int32))
 
     def vertices_near(self, state: Floats, reach: float) -> Ints:
