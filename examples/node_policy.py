@@ -27,7 +27,8 @@ from stable_baselines3.common.env_util import make_vec_env
 import guided_gym
 import guided_gym.train.policies  # registers the ids, and the name NodePolicy
 
-ID = "guided_gym/SimplePassage-v0"
+# With the module that registers it, for a Ray task has imported nothing.
+ID = "guided_gym.train.policies:guided_gym/SimplePassage-v0"
 FIRST_TEST = 10**6
 # The reward of a choice is all that depends on it by definition of SE, so nothing is gained by looking ahead.
 SETTINGS = {"n_steps": 64, "batch_size": 128, "n_epochs": 4, "gamma": 0.0, "gae_lambda": 1.0}
