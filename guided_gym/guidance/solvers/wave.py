@@ -1,8 +1,8 @@
 """A grid of poses (x, y[, theta]) with the robot's room at each, and waves from the goal through it.
 
 The wave's arrival is a cost-to-go field: the planning layer of the learned guidance, and the heuristic of
-`guided_gym.guidance.wavefront`. It is made from a raster of the workspace. Checked for collision are only the
-motions to the goal, and those between poses of the grid by which a thin robot could jump over a wall unseen.
+`wavefront`. It is made from a raster of the workspace. Checked for collision are only the motions to the
+goal, and those between poses of the grid by which a thin robot could jump over a wall unseen.
 """
 
 from __future__ import annotations
