@@ -256,7 +256,7 @@ def judge(robot: Linkage, seed: int, count: int) -> dict[str, float]:
     rng = np.random.default_rng(seed)
     space = ConfigurationSpace(robot, Environment(BOUNDS, _polygons(rng)))
     scene = scene_of(robot, space.environment)
-    starts = _starts(space, rng, count)
+    starts = valid_starts(space, rng, count, NEAR)
     steps = rng.standard_normal(starts.shape)
     steps /= np.linalg.norm(steps, axis=1, keepdims=True)
     ends = starts + steps * rng.uniform(0, LONGEST, (len(starts), 1)) / space.weights
@@ -289,15 +289,17 @@ def judge(robot: Linkage, seed: int, count: int) -> dict[str, float]:
     }
 
 
-def _starts(space: ConfigurationSpace, rng: np.random.Generator, count: int) -> FloatArray:
-    """Valid configurations, half of them near an obstacle."""
+def valid_starts(
+    space: ConfigurationSpace, rng: np.random.Generator, count: int, within: float
+) -> FloatArray:
+    """Valid configurations, half of them within a distance of an obstacle."""
     near: list[FloatArray] = []
     some: list[FloatArray] = []
     while sum(map(len, near)) < count // 2 or sum(map(len, some)) < count - count // 2:
         q = space.sample(rng, 4 * count)
         room = np.asarray(space.clearance(q))
         some.append(q[room > 0])
-        near.append(q[(room > 0) & (room < NEAR)])
+        near.append(q[(room > 0) & (room < within)])
     return np.concatenate([np.concatenate(some)[: count - count // 2], np.concatenate(near)[: count // 2]])
 
 

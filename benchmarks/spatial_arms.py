@@ -25,6 +25,7 @@ import coal
 import numpy as np
 import numpy.typing as npt
 import pinocchio as pin
+from arms import valid_starts
 from rich.console import Console
 from rich.progress import Progress
 from rich.table import Table
@@ -222,7 +223,7 @@ def judge(arm: SpatialArm, model: Any, seed: int, count: int) -> dict[str, float
     rng = np.random.default_rng(seed)
     space = ConfigurationSpace(arm, world_of(rng, arm))
     reference = Reference(arm, model, space.environment)
-    starts = _starts(space, rng, count)
+    starts = valid_starts(space, rng, count, NEAR * space.robot.size)
     steps = rng.standard_normal(starts.shape)
     steps /= np.linalg.norm(steps, axis=1, keepdims=True)
     ends = starts + steps * rng.uniform(0, LONGEST * arm.radius, (len(starts), 1)) / space.weights
@@ -247,18 +248,6 @@ def judge(arm: SpatialArm, model: Any, seed: int, count: int) -> dict[str, float
         "refused_without_contact": int((looked & ~free & ~hit).sum()),
         "seconds": seconds,
     }
-
-
-def _starts(space: ConfigurationSpace, rng: np.random.Generator, count: int) -> FloatArray:
-    """Valid configurations, half of them near an obstacle."""
-    near: list[FloatArray] = []
-    some: list[FloatArray] = []
-    while sum(map(len, near)) < count // 2 or sum(map(len, some)) < count - count // 2:
-        q = space.sample(rng, 4 * count)
-        room = np.asarray(space.clearance(q))
-        some.append(q[room > 0])
-        near.append(q[(room > 0) & (room < NEAR * space.robot.size)])
-    return np.concatenate([np.concatenate(some)[: count - count // 2], np.concatenate(near)[: count // 2]])
 
 
 def certified(motions: int, seconds: float, console: Console) -> dict[str, dict[str, float]]:

@@ -17,7 +17,7 @@ from guided_gym.catalogue.distributions import SampledProblems
 from guided_gym.catalogue.grids import Cells, Room, carved, covering, way
 from guided_gym.catalogue.placement import free_pose
 from guided_gym.checks import shown
-from guided_gym.errors import InvalidInputError
+from guided_gym.errors import InvalidInputError, NoPathError
 from guided_gym.geometry.environment import Bounds, Environment
 from guided_gym.geometry.linkages import Linkage
 from guided_gym.geometry.robots import Robot
@@ -175,14 +175,10 @@ def snake_maze(rng: np.random.Generator) -> Problem:
 
 def _free_snake(space: ConfigurationSpace, rng: np.random.Generator) -> NDArray[np.float64] | None:
     """(7,) a free configuration; None if none was found."""
-    count, rounds = SNAKE_TRIES
-    for _ in range(rounds):
-        poses = space.sample(rng, count)
-        free = np.flatnonzero(space.valid(poses))
-        if free.size:
-            pose: NDArray[np.float64] = poses[free[0]]
-            return pose
-    return None
+    try:
+        return free_pose(space, rng, tries=SNAKE_TRIES)
+    except NoPathError:
+        return None
 
 
 def lattice_mazes(robot: str, obstacles: tuple[int, int], name: str = "LatticeMaze") -> SampledProblems:

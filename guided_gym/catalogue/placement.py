@@ -16,7 +16,10 @@ BATCHES: Final = 32
 
 
 def free_pose(
-    space: ConfigurationSpace, rng: np.random.Generator, area: Bounds | None = None
+    space: ConfigurationSpace,
+    rng: np.random.Generator,
+    area: Bounds | None = None,
+    tries: tuple[int, int] = (BATCH, BATCHES),
 ) -> NDArray[np.float64]:
     """(d,) a free pose, uniform among those whose reference point is in ``area``.
 
@@ -24,6 +27,7 @@ def free_pose(
         space: Configuration space.
         rng: Source of the draws.
         area: (xmin, ymin, xmax, ymax); None for the whole workspace.
+        tries: How many are drawn at once, and how often at most.
 
     Raises:
         NoPathError: None was found; the area is as good as full.
@@ -32,12 +36,13 @@ def free_pose(
     if area is not None:
         lower[:2] = np.maximum(area[:2], lower[:2])
         upper[:2] = np.minimum(area[2:], upper[:2])
-    for _ in range(BATCHES):
-        poses = lower + rng.random((BATCH, space.dimension)) * (upper - lower)
+    at_once, rounds = tries
+    for _ in range(rounds):
+        poses = lower + rng.random((at_once, space.dimension)) * (upper - lower)
         free = np.flatnonzero(space.valid(poses))
         if free.size:
             pose: NDArray[np.float64] = poses[free[0]]
             return pose
     raise NoPathError(
-        f"expected a free pose in {area or space.environment.bounds}, got none in {BATCHES * BATCH} draws"
+        f"expected a free pose in {area or space.environment.bounds}, got none in {at_once * rounds} draws"
     )

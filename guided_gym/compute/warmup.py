@@ -26,23 +26,24 @@ class KernelClock:
     Attributes:
         seconds: Wall time.
         processor: Processor time.
+        depth: How many are at it, each within the one before.
     """
 
     def __init__(self) -> None:
         self.seconds = self.processor = 0.0
-        self._depth = 0
+        self.depth = 0
         self._began = 0.0, 0.0
 
     def begin(self) -> None:
         """From here on."""
-        self._depth += 1
-        if self._depth == 1:
+        self.depth += 1
+        if self.depth == 1:
             self._began = time.perf_counter(), time.process_time()
 
     def end(self) -> None:
         """Up to here."""
-        self._depth -= 1
-        if self._depth == 0:
+        self.depth -= 1
+        if self.depth == 0:
             self.seconds += time.perf_counter() - self._began[0]
             self.processor += time.process_time() - self._began[1]
 
@@ -60,37 +61,34 @@ class CompilationNotice(event.Listener):
 
     Attributes:
         given: Whether it was printed.
-        clock: Counts the time that kernels have taken.
+        clock: Counts the time that kernels have taken, those that were loaded included.
     """
 
     def __init__(self) -> None:
         self.given = False
         self.clock = KernelClock()
-        self._depth = 0
-        self._spent = self._began = 0.0
+        self._compiling = KernelClock()
         self._timer: threading.Timer | None = None
 
     def on_start(self, event: Any) -> None:
         """A function starts to compile; those that it calls compile within it."""
         if not _ours(event):
             return
-        self._depth += 1
-        if self._depth == 1 and not self.given:
-            self._began = time.monotonic()
-            self._timer = threading.Timer(max(0.0, PATIENCE - self._spent), self._give)
+        self.clock.begin()
+        self._compiling.begin()
+        if self._compiling.depth == 1 and not self.given:
+            self._timer = threading.Timer(max(0.0, PATIENCE - self._compiling.seconds), self._give)
             self._timer.daemon = True
             self._timer.start()
-        self.clock.begin()
 
     def on_end(self, event: Any) -> None:
         """A function has compiled."""
-        if self._depth == 0 or not _ours(event):
+        if self._compiling.depth == 0 or not _ours(event):
             return
+        self._compiling.end()
         self.clock.end()
-        self._depth -= 1
-        if self._depth == 0 and self._timer is not None:
+        if self._compiling.depth == 0 and self._timer is not None:
             self._timer.cancel()
-            self._spent += time.monotonic() - self._began
 
     def _give(self) -> None:
         if not self.given:

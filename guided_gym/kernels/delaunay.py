@@ -127,13 +127,20 @@ def _put(table: Int32s, t: int, a: int, b: int, c: int) -> None:
 
 
 @njit(cache=True)
+def _side_from(corners: Int32s, t: int, a: int) -> int:
+    """The side of triangle t that begins at vertex ``a``."""
+    k = 0
+    while corners[t, (k + 1) % 3] != a:
+        k += 1
+    return k
+
+
+@njit(cache=True)
 def _join(corners: Int32s, beyond: Int32s, t: int, k: int, other: int, a: int) -> None:
     """Let side k of triangle t and the side of the other one that begins at vertex ``a`` there be one."""
     beyond[t, k] = other
     if other >= 0:
-        for j in range(3):
-            if corners[other, (j + 1) % 3] == a:
-                beyond[other, j] = t
+        beyond[other, _side_from(corners, other, a)] = t
 
 
 @njit(cache=True)
@@ -161,9 +168,7 @@ def _placed_in(
         _join(corners, beyond, three, 0, at_c, b)
         return one, two, three, -1
     s = at_a  # the triangle across: (d, c, b)
-    j = 0
-    while corners[s, (j + 1) % 3] != c:
-        j += 1
+    j = _side_from(corners, s, c)
     d, at_c2, at_b2 = corners[s, j], beyond[s, (j + 1) % 3], beyond[s, (j + 2) % 3]
     one, two, three, four = t, int(s), count, count + 1
     _put(corners, one, v, c, a)
@@ -217,9 +222,7 @@ def triangulate(points: Floats) -> tuple[Int32s, Int32s]:
             if s < 0:
                 continue
             a, b = corners[t, 1], corners[t, 2]
-            j = 0
-            while corners[s, (j + 1) % 3] != b:
-                j += 1
+            j = _side_from(corners, s, b)
             d = corners[s, j]
             if not _surely_within(placed, v, a, b, d):
                 continue

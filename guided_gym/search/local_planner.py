@@ -50,7 +50,6 @@ class LocalPlanner:
                     f"is {space.scale:.3g}"
                 )
         self.candidate_count = integer("candidates", candidates, least=1)
-        self._asked = 0  # the last count that was found to be one
 
     def candidates(self, q: NDArray[np.float64], count: int | None = None) -> NDArray[np.float64]:
         """(k, d) configurations drawn uniformly from the ball N_C(q).
@@ -58,19 +57,16 @@ class LocalPlanner:
         Raises:
             InvalidInputError: ``q`` is no configuration, or the count no positive integer.
         """
-        if count is None:
-            k = self.candidate_count
-        elif type(count) is int and count == self._asked:  # every step of an environment asks for one
-            k = count
-        else:
-            k = self._asked = checked_candidates(count)
+        return self._drawn(q, self.candidate_count if count is None else checked_candidates(count))
+
+    def _drawn(self, q: NDArray[np.float64], k: int) -> NDArray[np.float64]:
         q = self.space.configuration(q)
         normals, radii = self.rng.standard_normal((k, q.size)), self.rng.random(k)
         return ball_samples(q, normals, radii, self.step, self.space.metric)
 
     def uniform(self, q: NDArray[np.float64]) -> NDArray[np.float64]:
         """(d,) one configuration drawn uniformly from N_C(q)."""
-        candidate: NDArray[np.float64] = self.candidates(q, 1)[0]
+        candidate: NDArray[np.float64] = self._drawn(q, 1)[0]
         return candidate
 
     def steer(self, q: NDArray[np.float64], towards: NDArray[np.float64]) -> NDArray[np.float64]:
