@@ -201,3 +201,28 @@ def test_lab__fits_a_phone_and_keeps_what_was_drawn(lab: tuple[str, Path], open_
     ready(page)
     assert page.evaluate("lab.document.obstacles.length") == 0
     assert "what you drew last" in page.locator("#message").inner_text()
+
+
+@pytest.mark.parametrize(("width", "height"), [(390, 844), (1280, 900)])
+def test_lab__a_pose_at_an_edge_can_be_turned(
+    lab: tuple[str, Path], open_page: Any, width: int, height: int
+) -> None:
+    page = ready(open_page(lab[0], width=width, height=height))
+    empty_room(page)
+    for zoom, degrees in ((1, 0), (1, 90), (1, 37), (6, 0), (6, 180)):
+        for name, value in (("x", 9.5), ("y", 9.7), ("turn, °", degrees)):
+            page.get_by_label(f"goal {name}", exact=True).fill(str(value))
+            page.get_by_label(f"goal {name}", exact=True).press("Tab")
+        page.locator("#editor").scroll_into_view_if_needed()
+        page.evaluate("lab.stage.fit()")
+        page.evaluate("([zoom, at]) => lab.stage.zoom(zoom, ...at)", [zoom, place(page, 9.5, 9.7)])
+        handle = page.evaluate("lab.turnHandle('goal')")
+        side = page.locator("#editor").bounding_box()
+        on_screen = np.subtract(place(page, *handle["at"]), (side["x"], side["y"]))
+        assert (on_screen >= 7).all()
+        assert (on_screen <= (side["width"] - 7, side["height"] - 7)).all()
+        centre, at = np.array(handle["centre"]), np.array(handle["at"])
+        drag(page, tuple(at), tuple(centre + np.array([[0, 1], [-1, 0]]) @ (at - centre)))
+        change = np.degrees(page.evaluate("lab.document.goal[2]")) - degrees
+        assert (change + 180) % 360 - 180 == pytest.approx(-90, abs=3)
+        np.testing.assert_allclose(page.evaluate("lab.document.goal.slice(0, 2)"), [9.5, 9.7], atol=0.03)

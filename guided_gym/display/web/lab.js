@@ -3,7 +3,7 @@
 "use strict";
 (function () {
   const G = window.GuidedGym, { make } = G, $ = (id) => document.getElementById(id);
-  const KEPT = "guided-gym lab", UNDO = 200, MOST_GUIDANCES = 4, MOST_RUNS = 12, NEAR = 11; // pixels
+  const KEPT = "guided-gym lab", UNDO = 200, MOST_GUIDANCES = 4, MOST_RUNS = 12, NEAR = 11, NEAR_FINGER = 18; // pixels
   const TOOLS = [["move", "Move", "m", "Drag start, goal, obstacles and their corners; drag beside them to move the view."],
     ["box", "Box", "b", "Drag from corner to corner."],
     ["polygon", "Polygon", "p", "Point at the corners one by one; end at the first one, or with Enter. Esc gives up."]];
@@ -181,6 +181,7 @@
   };
   const canvas = $("editor"), stage = new EditStage(canvas);
   const pixel = () => stage.ratio / stage.scale; // in the workspace's unit
+  let near = NEAR; // how far from a thing a press takes hold of it; more for a finger
   const apart = ([a, b], [c, d]) => Math.hypot(a - c, b - d);
   /** A number with no more digits than a pixel has. */
   const tidy = (value) => { const unit = 10 ** Math.floor(Math.log10(pixel())); return Number((Math.round(value / unit) * unit).toPrecision(12)); };
@@ -216,8 +217,20 @@
     const points = stage.kinematics.place(doc[name]).flatMap(({ points: p }) => [...p]);
     let radius = 0;
     for (let i = 0; i < points.length; i += 2) radius = Math.max(radius, apart([points[i], points[i + 1]], centre));
-    const r = radius + 22 * pixel();
-    return { joint, centre, at: [centre[0] + r * Math.cos(angle), centre[1] + r * Math.sin(angle)] };
+    return { joint, centre, at: placeOfHandle(centre, angle, radius + 22 * pixel()) };
+  }
+
+  /** Ahead of the robot; where the canvas ends before that, behind or beside it, or nearer. */
+  function placeOfHandle([x, y], angle, radius) {
+    const margin = 8 * stage.ratio, inSight = (point) => {
+      const [sx, sy] = stage.toScreen(...point);
+      return Math.min(sx, sy, canvas.width - sx, canvas.height - sy) >= margin;
+    };
+    const places = [1, 0.75, 0.5, 0.25].flatMap((share) => [0, 2, 1, 3].map((quarter) => {
+      const way = angle + (quarter * Math.PI) / 2, r = share * radius;
+      return [x + r * Math.cos(way), y + r * Math.sin(way)];
+    }));
+    return places.find(inSight) || places[0];
   }
 
   function inside([x, y], flatRing) {
@@ -242,12 +255,12 @@
   function bodyAt(name, at) { // the number of a body of the robot there, or -1
     if (!stage.scene[name]) return -1;
     return stage.kinematics.place(doc[name]).findIndex(({ points, closed }) =>
-      (closed && inside(at, points)) || nearRing(at, [...points], closed, NEAR * pixel()));
+      (closed && inside(at, points)) || nearRing(at, [...points], closed, near * pixel()));
   }
 
   /** What a press at a place takes hold of: {select, drag(from, to, original)}; null for nothing. */
   function grip(at) {
-    const reach = NEAR * pixel();
+    const reach = near * pixel();
     for (const name of ["goal", "start"]) {
       const handle = turnHandle(name);
       if (handle && apart(handle.at, at) <= reach) return { select: { kind: name }, drag: (from, to, pose) => turnTo(pose, handle, from, to) };
@@ -312,6 +325,7 @@
   stage.onpress = (at, event) => {
     if (!doc || !view.robot || event.button > 0) return false;
     canvas.focus({ preventScroll: true });
+    near = event.pointerType === "touch" ? NEAR_FINGER : NEAR;
     if (tool === "box") {
       drawn = [at, at];
       follow(event, (to) => { drawn = [at, to]; stage.draw(); }, (to, cancelled) => {
@@ -322,7 +336,7 @@
       return true;
     }
     if (tool === "polygon") {
-      if (drawn && drawn.length > 2 && apart(drawn[0], at) <= NEAR * pixel()) close();
+      if (drawn && drawn.length > 2 && apart(drawn[0], at) <= near * pixel()) close();
       else { drawn = [...(drawn || []), at.map(tidy)]; stage.draw(); }
       return true;
     }
@@ -709,7 +723,7 @@
   // The page ---------------------------------------------------------------------------------------------
 
   new ResizeObserver(() => { if (doc && view.robot) requestAnimationFrame(() => stage.draw()); }).observe(canvas);
-  window.lab = { stage, get document() { return doc; }, get ready() { return !!view.robot; }, get runs() { return runs; }, player: null, select };
+  window.lab = { stage, get document() { return doc; }, get ready() { return !!view.robot; }, get runs() { return runs; }, player: null, select, turnHandle };
   (async () => {
     try { about = await ask("start"); } catch (error) { return say(error.message, true); }
     toolbar();
