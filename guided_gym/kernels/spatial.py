@@ -70,7 +70,8 @@ STATE = 21
 turning, half of |p''| and |p'| at most."""
 
 _MAX_STEPS = 200
-_LOOKS = 48
+_LOOKS = 200
+"""At most; a long segment that almost touches a round solid needs up to 120."""
 _AIM = 0.02
 """How far off the right direction costs a gap at most, in tolerances."""
 
