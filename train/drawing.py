@@ -15,7 +15,7 @@ from guided_gym.catalogue.table import make_distribution
 from guided_gym.guidance.base import GuidingSpace
 from guided_gym.train import figures
 from guided_gym.train.claims import DATABASE_SIZES, DRAWN, PROBLEMS, database_label
-from guided_gym.train.evaluation import Plan, run_once
+from guided_gym.train.evaluation import ELSEWHERE, Plan, run_once
 from guided_gym.train.results import Column, Results, grid_shape
 from guided_gym.train.specs import file_label, made
 from guided_gym.train.statistics import Interval, bootstrap
@@ -85,7 +85,8 @@ def _evaluation_figures(results: Results, plans: Sequence[Plan]) -> Named:
         name = file_label(environment)
         ceiling = _ceiling([plan for plan in plans if plan.environment == environment])
         yield f"{name}-efficiency", progress(results, environment, guidances, ceiling)
-        yield f"{name}-regions", region_bars(results, environment, guidances)
+        if any(set(results.by_region(environment, one)) - {ELSEWHERE} for one in guidances):
+            yield f"{name}-regions", region_bars(results, environment, guidances)
         yield f"{name}-places", places(results, environment, guidances)
         yield f"{name}-cost", trade_off(results, environment, guidances)
         seed = min(run.seed for run in results.runs if run.environment == environment)

@@ -8,7 +8,7 @@ import numpy as np
 import shapely
 from matplotlib.axes import Axes
 from matplotlib.collections import LineCollection, PatchCollection
-from matplotlib.colors import LinearSegmentedColormap, LogNorm, Normalize, to_hex, to_rgb
+from matplotlib.colors import LinearSegmentedColormap, LogNorm, Normalize, to_hex, to_rgb, to_rgba
 from matplotlib.lines import Line2D
 from matplotlib.patches import PathPatch
 from matplotlib.path import Path
@@ -18,6 +18,7 @@ from guided_gym.envs import palette
 from guided_gym.envs.rendering import spaced, trace
 from guided_gym.geometry.environment import Environment
 from guided_gym.geometry.robots import Robot
+from guided_gym.geometry.solids import SpatialEnvironment
 from guided_gym.guidance.cells import Uninformed, Voronoi
 from guided_gym.train.style import INK, TARGET_MAP
 
@@ -46,14 +47,19 @@ _CELLS, _OBSTACLES, _PATH, _FAILURES, _EDGES, _NODES, _TASK = range(1, 8)
 
 
 def draw_workspace(axes: Axes, environment: Environment, colour: str = OBSTACLE) -> None:
-    """Bounds and obstacles; no ticks, as the unit of length means nothing to the reader."""
+    """Draw bounds and obstacles, without ticks: the unit of length means nothing to the reader."""
     xmin, ymin, xmax, ymax = environment.bounds
     axes.set(xlim=(xmin, xmax), ylim=(ymin, ymax), aspect="equal", xticks=[], yticks=[], facecolor=FREE)
     axes.grid(False)
     for spine in axes.spines.values():
         spine.set(visible=True, color=OBSTACLE, linewidth=0.7)
-    shapes = [_patch(part) for part in shapely.get_parts(environment.obstacle_union)]
-    axes.add_collection(PatchCollection(shapes, facecolor=colour, edgecolor="none", zorder=_OBSTACLES))
+    if isinstance(environment, SpatialEnvironment):  # let through what is behind them
+        shapes = [_patch(shadow) for shadow in environment.obstacles]
+        look: dict[str, Any] = {"facecolor": to_rgba(colour, 0.22), "edgecolor": colour, "linewidth": 0.7}
+    else:
+        shapes = [_patch(part) for part in shapely.get_parts(environment.obstacle_union)]
+        look = {"facecolor": colour, "edgecolor": "none"}
+    axes.add_collection(PatchCollection(shapes, zorder=_OBSTACLES, **look))
 
 
 def _patch(shape: Any) -> PathPatch:
@@ -193,6 +199,8 @@ def draw_guiding_space(axes: Axes, guidance: GuidingSpace, search: Search, colou
     if "edges" in drawing:
         mappable = _draw_graph(axes, drawing, colour)
         _outline_obstacles(axes, search.problem.environment)
+    elif "field" in drawing and not isinstance(search.problem.robot, Robot):
+        mappable = _draw_levels(axes, drawing["field"], *drawing["bounds"])
     elif not isinstance(search.problem.robot, Robot):
         mappable = None  # h of joint angles is no field over the workspace
     elif isinstance(guidance, Voronoi):
@@ -207,7 +215,9 @@ def draw_guiding_space(axes: Axes, guidance: GuidingSpace, search: Search, colou
 
 def _outline_obstacles(axes: Axes, environment: Environment) -> None:
     """The obstacles' edges, on top of a roadmap that may cover them."""
-    shapes = [_patch(part) for part in shapely.get_parts(environment.obstacle_union)]
+    spatial = isinstance(environment, SpatialEnvironment)
+    parts = environment.obstacles if spatial else shapely.get_parts(environment.obstacle_union)
+    shapes = [_patch(part) for part in parts]
     outline = PatchCollection(shapes, facecolor="none", edgecolor=OBSTACLE, linewidth=0.6, zorder=_NODES)
     axes.add_collection(outline)
 
@@ -266,6 +276,16 @@ def _draw_field(axes: Axes, guidance: GuidingSpace, search: Search) -> Any:
     q = np.tile(search.goal, (x.size * y.size, 1))
     q[:, 0], q[:, 1] = np.tile(x, y.size), np.repeat(y, x.size)
     h = np.asarray(guidance.heuristic(guidance.project(search.tree, q)), np.float64).reshape(y.size, x.size)
+    return _draw_levels(axes, h, xmin, ymin, xmin + x.size * cell, ymin + y.size * cell)
+
+
+def _draw_levels(
+    axes: Axes, h: NDArray[np.float64], xmin: float, ymin: float, xmax: float, ymax: float
+) -> Any:
+    """A heuristic (rows, columns), row by row from below, in shades over the bounds of its cells."""
+    rows, columns = h.shape
+    x = xmin + (np.arange(columns) + 0.5) / columns * (xmax - xmin)
+    y = ymin + (np.arange(rows) + 0.5) / rows * (ymax - ymin)
     shades = _shades(FIELD, 0.7, 0.03)
     field = axes.contourf(x, y, np.ma.masked_invalid(h), FIELD_LEVELS, cmap=shades, zorder=_CELLS)
     field.set_label("h (length)")

@@ -182,7 +182,7 @@
           swatch({ background: `linear-gradient(90deg, ${colours.heavy.join()})`, height: "4px" }, "made longer"));
       }
       if (kinds.has("field")) items.push(swatch({ background: `linear-gradient(90deg, rgba(${colours.field},.65), rgba(${colours.field},.05))` }, "guide's h, low to high"));
-      if (kinds.has("cells")) items.push(swatch({ background: `rgba(${colours.field},.4)` }, "cells, the darker the larger"));
+      if (kinds.has("cells")) items.push(swatch({ background: `rgba(${colours.field},.4)` }, "cells, the stronger the larger"));
       if (this.traces.length > 1) this.traces.forEach((trace, i) =>
         items.push(swatch({ background: colours.series[i], height: "4px" }, `SE: ${trace.header.title || trace.header.guidance}`)));
       if (this.curve) items.push(swatch({ borderTop: `2px dotted ${colours.muted}`, height: 0 }, "best possible"));

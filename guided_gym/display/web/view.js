@@ -1027,7 +1027,7 @@
       return image;
     }
 
-    /** The workspace's cells around the nodes, the darker the larger. Each new node takes its cell from the
+    /** The workspace's cells around the nodes, the stronger the larger. Each new node takes its cell from the
      * others, pixel by pixel from its own place outwards. */
     _cells() {
       const bounds = this.scene.bounds, [xmin, ymin, xmax, ymax] = bounds, n = this.trace.sizes[this.sample];
