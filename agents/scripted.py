@@ -28,7 +28,7 @@ class Agent(Protocol):
     name: str
 
     def reset(self, env: gymnasium.Env[Any, Any]) -> None:
-        """An episode begins in ``env``, which has been reset."""
+        """Begin an episode in ``env``, which has been reset."""
 
     def act(self, observation: Observation, info: Mapping[str, Any]) -> Action:
         """The action for an observation."""

@@ -167,15 +167,15 @@ class GuideSelectionEnv(gymnasium.Env[NDArray[np.float32], int]):
 
 
 class _AsTold(Taking):
-    """The rule of a hybrid whose turns somebody else decides: who guided last guides on."""
+    """The rule of a hybrid whose turns somebody else decides: the last guide goes on."""
 
     def learn(self, guide: int, expansion: Expansion) -> None:
-        """Stay with who was told to guide."""
+        """Stay with the guide that was told to guide."""
         self.turn = guide
 
 
 class Unobserved:
-    """An observer that observes nothing, for environments that see otherwise what they see."""
+    """An observer that observes nothing, for environments whose observations come from elsewhere."""
 
     def build(self, max_nodes: int, max_samples: int) -> spaces.Dict:
         """An empty space."""

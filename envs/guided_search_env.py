@@ -82,7 +82,7 @@ OPTIONS: Final = (
 
 @doors
 class GuidedSearchEnv(gymnasium.Env[Observation, Action]):
-    """A growing search tree: choose the node to expand, and be rewarded by how well chosen it was.
+    """A growing search tree: choose the node to expand; the reward says how good the choice was.
 
     Description:
         One episode is one guided search (paper, Algorithm 1) for a problem drawn from a distribution. Each

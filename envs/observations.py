@@ -53,12 +53,12 @@ SMALLEST_IMAGE: Final = 36  # below it, NatureCNN's convolutions leave nothing
 
 
 def columns_of(angles: int) -> int:
-    """Number of the node features, F, where there is room for so many angles; 14 for one."""
+    """Number F of node features with room for so many angles; 14 for one angle."""
     return COLUMNS + 4 * (angles - 1)
 
 
 def node_columns(angles: int) -> tuple[str, ...]:
-    """Names of the node features where there is room for so many angles (at least one).
+    """Names of the node features with room for so many angles, at least one.
 
     X and Y are of the reference point, or of an arm's tool; COS_k and SIN_k of angle k, from the base on, and
     1 and 0 where a robot has fewer angles. With one angle they are those of `NodeColumn`.
@@ -71,7 +71,7 @@ def node_columns(angles: int) -> tuple[str, ...]:
 
 
 def _column_bounds(angles: int) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
-    """Bounds of each column: signed up to those of the goal, then not."""
+    """Bounds of each column: the columns up to the goal's are signed, the others are not."""
     names = np.array(node_columns(angles))
     low = np.where(np.arange(names.size) < names.size - _TAIL, -1, 0).astype(np.float32)
     high = np.where(names == "COST_TO_COME", MAX_COST, 1).astype(np.float32)
@@ -291,8 +291,8 @@ def scales_of(search: Search, shown: int = 1) -> NDArray[np.float64]:
     angles = angles_of(space.robot)
     if angles > shown:
         raise InvalidInputError(
-            f"observe: expected a robot of at most {shown} angles, which these observations show, "
-            f"got one of {angles}; TreeObservation(angles={angles}) has more"
+            f"observe: expected a robot with at most {shown} angles, as many as these observations show, "
+            f"got one with {angles}; TreeObservation(angles={angles}) shows them"
         )
     first = space.dimension - angles
     xmin, ymin, xmax, ymax = space.environment.bounds

@@ -1,4 +1,4 @@
-"""The colours that frames and figures share; told apart by the colour-blind too."""
+"""The colours that frames and figures share; colour-blind people can tell them apart, too."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Problems with their oracles, prepared by other processes before anyone asks: training need not wait."""
+"""Problems with their oracles, prepared by other processes in advance, so that training need not wait."""
 
 from __future__ import annotations
 
@@ -121,7 +121,7 @@ class ProblemPool(ProblemDistribution):
     def draw(
         self, rng: np.random.Generator, tolerance: float | None = None, by_edge: bool | None = None
     ) -> Problem:
-        """The next problem; its worker has seen to it that it can be measured."""
+        """The next problem; its worker has checked that it can be measured."""
         return self.take().ending(tolerance, by_edge)
 
     def problem(self, seed: int, tolerance: float | None = None, by_edge: bool | None = None) -> Problem:

@@ -39,7 +39,7 @@ class Choice:
 
 
 class Reward(Protocol):
-    """A reward: a function of the choice, and what an invalid action gets. Holds no state of an episode."""
+    """A reward: a function of the choice, and a value for invalid actions. It holds no episode's state."""
 
     def __call__(self, choice: Choice) -> float:
         """The reward of a valid choice."""
@@ -50,7 +50,7 @@ class Reward(Protocol):
 
 @runtime_checkable
 class MeasuredReward(Reward, Protocol):
-    """A reward that needs no more of a choice than its two numbers: vector environments take it as it is."""
+    """A reward that needs only the two numbers of a choice; vector environments take it as it is."""
 
     def of(self, efficiency: Numbers, best: Numbers) -> Numbers:
         """The reward of SE and the best possible SE of a choice, or of many (n,), in nats."""
@@ -78,7 +78,7 @@ class EfficiencyReward:
 
 
 class RegretReward:
-    """Best possible SE - SE: what a choice loses beside the node of the largest Q; 0 for that node.
+    """Best possible SE - SE: what a choice loses against the node with the largest Q; 0 for that node.
 
     Unlike -SE it does not depend on how many nodes are nearly as good. Its best policy is known: always the
     node of the largest Q, on which nothing is lost, whatever becomes of the tree.
@@ -176,7 +176,7 @@ class WeightedReward:
 
 
 class MeasuredSum(WeightedReward):
-    """A `WeightedReward` of nothing but `MeasuredReward`, so one itself."""
+    """A `WeightedReward` whose parts are all `MeasuredReward`, and which is one itself, therefore."""
 
     def of(self, efficiency: Numbers, best: Numbers) -> Numbers:
         """The weighted sum."""

@@ -301,8 +301,8 @@ class GuidedSearchVectorEnv(VectorEnv[Any, Any, Any]):
             return np.arange(self.num_envs), nobody
         if self._mode == AutoresetMode.DISABLED:
             raise GuidedGymError(
-                f"expected reset(options={{'reset_mask': mask}}) of environments "
-                f"{np.flatnonzero(self._ended).tolist()} that have ended, got a step"
+                f"expected reset(options={{'reset_mask': mask}}) of the environments that have "
+                f"ended, {np.flatnonzero(self._ended).tolist()}; got a step"
             )
         return np.flatnonzero(~self._ended), np.flatnonzero(self._ended)
 
@@ -542,7 +542,9 @@ class GuidedSearchVectorEnv(VectorEnv[Any, Any, Any]):
         n = self.num_envs
         if isinstance(seed, Sequence | np.ndarray) and not isinstance(seed, str):
             if len(seed) != n:
-                raise InvalidInputError(f"seed: expected {n}, one for each environment, got {len(seed)}")
+                raise InvalidInputError(
+                    f"seed: expected {n} seeds, one for each environment, got {len(seed)}"
+                )
             return [checked_seed(one) for one in seed]
         first = checked_seed(seed)
         return [None if first is None else first + i for i in range(n)]
@@ -558,7 +560,7 @@ class GuidedSearchVectorEnv(VectorEnv[Any, Any, Any]):
                 f"got {shown(mask)}"
             )
         if not (self._dimension.astype(bool) | mask).all():
-            raise GuidedGymError("expected a reset of all environments before one of some")
+            raise GuidedGymError("expected a reset of all environments before a reset of some, got none")
         return copy.copy(mask)
 
 

@@ -53,7 +53,7 @@ class UnknownNameError(GuidedGymError, KeyError):
 
 
 class UnknownOptionError(UnknownNameError, TypeError):
-    """An option that a constructor does not know: a TypeError, too, in the words that Python has for it.
+    """An option that a constructor does not know; also a TypeError, in Python's words.
 
     Libraries that try whether an environment takes an option look for both. Gymnasium raises a TypeError
     anew with a message of its own, so this is made of a message, too: ``UnknownOptionError(message)``.
@@ -92,9 +92,9 @@ class StorageError(GuidedGymError):
 
 
 class GuidedGymWarning(RuntimeWarning):
-    """Something that this package does without, or does more slowly than it could."""
+    """A warning: something is missing, or slower than it could be."""
 
 
 def warn(message: str) -> None:
-    """Warn of something that no line of the caller's code is to blame for: none is shown with it."""
+    """Warn of something that no line of the caller's code caused, and show none with it."""
     warnings.warn_explicit(message, GuidedGymWarning, "guided-gym", 0)

@@ -1,4 +1,4 @@
-"""How a search expands and is measured: one object for planning, environments and evaluation."""
+"""Options: how a search expands and how it is measured, for planning, environments and evaluation alike."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ _SAMPLE = 200  # its row of the record, and a node or a failure of the tree
 
 
 def checked_candidates(value: object) -> int:
-    """How many candidates a choice looks at.
+    """The number of candidates that a choice looks at, checked.
 
     Raises:
         InvalidInputError: It is no integer, not positive, or would take more memory than is allowed.
@@ -29,7 +29,7 @@ def checked_candidates(value: object) -> int:
 
 
 def checked_samples(value: object) -> int:
-    """After how many samples a search gives up.
+    """The number of samples after which a search gives up, checked.
 
     Raises:
         InvalidInputError: It is no integer, not positive, or would take more memory than is allowed.
@@ -91,7 +91,7 @@ DEFAULT_TARGET = TargetParameters()
 @doors
 @dataclass(frozen=True)
 class OracleOptions:
-    """How exactly the oracle has to know d_C, and what it may spend on that.
+    """How exact the oracle's d_C has to be, and what it may spend on that.
 
     Attributes:
         resolution: Vertices of its grid along each axis of the configuration space, or ``(n,)`` for those of
@@ -126,7 +126,7 @@ class OracleOptions:
         count("budget", self.budget, least=10_000, each=_VERTEX, what="an oracle's grid of so many vertices")
 
     def excess(self, error: tuple[float, float], usual: tuple[float, float]) -> float:
-        """How many times larger an error (mean, tail) is than what is asked for, or than the usual one."""
+        """How many times larger an error (mean, tail) is than what is asked for, or than the default."""
         asked = (self.mean, self.tail)
         return max(e / (u if a is None else a) for e, a, u in zip(error, asked, usual, strict=True))
 

@@ -260,7 +260,7 @@ def _label(guidance: GuidingSpace | WatchedPlanner | str) -> str:
 def check_watched(
     planner: WatchedPlanner, expansion: object, distributions: bool, options: SearchOptions
 ) -> None:
-    """Refuse what a planner that selects and expands by itself cannot be told.
+    """Refuse options that have no meaning for a planner that selects and expands by itself.
 
     Raises:
         InvalidInputError: There is such an option.
@@ -272,13 +272,13 @@ def check_watched(
     ):
         if given:
             raise InvalidInputError(
-                f"{option}: expected a guiding space with it; {planner.expression or planner.name} is a "
+                f"{option}: expected a guiding space beside it, got {planner.expression or planner.name}, a "
                 "planner that selects and expands by itself"
             )
 
 
 def proposer(search: Search, expansion: GuidingSpace | str | None) -> Proposer | None:
-    """Who proposes x_new: what an ``expansion`` option stands for (see `guided_search`).
+    """The proposer of x_new that an ``expansion`` option stands for (see `guided_search`).
 
     Another guiding space than those that listen already is attached to the search.
     """
@@ -312,7 +312,7 @@ class _Recorder:
         self.seconds = 0.0
 
     def before(self, node: int) -> None:
-        """The choice of ``node``, measured on the tree as it stands."""
+        """Measure the choice of ``node`` on the tree as it stands."""
         row = [node, NO_NODE, len(self._search.tree), np.nan, np.nan, np.nan, np.nan]
         self._rows.append(row)
         if self._hindsight:
@@ -328,7 +328,7 @@ class _Recorder:
         self.seconds += wall_seconds() - began
 
     def after(self, expansion: Expansion) -> None:
-        """What became of it."""
+        """Record what became of the sample."""
         row = self._rows[-1]
         row[1] = expansion.child
         if self._trace is not None:
@@ -337,7 +337,7 @@ class _Recorder:
             self.seconds += wall_seconds() - began
 
     def take(self, burst: NDArray[np.int32]) -> None:
-        """Rows of a burst of samples: what each would have been measured at, in hindsight."""
+        """Record a burst of samples: what each would have measured, in hindsight."""
         began = wall_seconds()
         self._close_block()
         grew = burst[:, 1] != NO_NODE
@@ -349,14 +349,14 @@ class _Recorder:
         self.seconds += wall_seconds() - began
 
     def changed(self) -> None:
-        """What the tree has gained without a sample, for the trace."""
+        """Pass on to the trace what the tree has gained without a sample."""
         if self._trace is not None:
             began = wall_seconds()
             self._trace.gained()
             self.seconds += wall_seconds() - began
 
     def rewiring(self) -> None:
-        """A watched planner is about to give a node another parent: what was chosen before is measured."""
+        """Measure earlier choices, since a watched planner is about to give a node another parent."""
         if self._hindsight and self._rows:
             began = wall_seconds()
             self._close_block()

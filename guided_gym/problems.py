@@ -30,7 +30,7 @@ _NOTEBOOK: Final = "guided_gym.display.notebook"
 @doors
 @dataclass(frozen=True, eq=False)
 class Task:
-    """A task (s, t): where a search starts, where it has to end, and what counts as having ended.
+    """A task (s, t): where a search starts, where it has to end, and what counts as its end.
 
     The paper's rule is a valid edge from a node to t. Benchmarks with a goal region have a tolerance, and
     most of them no edge: then the path ends at the first node that is near enough.
@@ -68,7 +68,7 @@ class Task:
             raise InvalidInputError("goal_tolerance: expected a length > 0 without goal_edge, got 0")
 
     def ending(self, tolerance: float | None = None, by_edge: bool | None = None) -> Task:
-        """This task with another rule of when its goal is reached; None leaves a part of it as it is."""
+        """This task with another rule for reaching its goal; None leaves a part of it as it is."""
         return Task(
             self.start,
             self.goal,
@@ -183,7 +183,7 @@ class Problem:
         return digest.hexdigest()
 
     def ending(self, tolerance: float | None = None, by_edge: bool | None = None) -> Problem:
-        """This problem with another rule of when its goal is reached (see `Task`); the space stays the same.
+        """This problem with another rule for reaching its goal (see `Task`); the space stays the same.
 
         Raises:
             InvalidInputError: There would be no rule by which to end.

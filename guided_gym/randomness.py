@@ -1,4 +1,4 @@
-"""The named streams of random numbers: one seed, and the problem, the expansion and the guidance apart."""
+"""Named streams of random numbers: from one seed, apart for the problem, the expansion and the guidance."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from guided_gym.doors import door
 
 
 def seed_of(*numbers: int) -> int:
-    """One seed of several numbers."""
+    """One seed from several numbers."""
     return int(np.random.SeedSequence(numbers).generate_state(1)[0])
 
 

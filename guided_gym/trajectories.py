@@ -1,4 +1,4 @@
-"""Paths that a robot can follow: shorter, with headings, with the room beside them, and with times.
+"""Paths that a robot can follow: shortened, with headings, clearance and times.
 
 Everything here is certified: what it returns consists of motions that `ConfigurationSpace.motion_free` has
 proved free, or, where it is curved, of curves that stay nearer to such motions than these are to obstacles.
@@ -47,7 +47,7 @@ def path_length(space: ConfigurationSpace, path: FloatArray) -> float:
 def shortcut(
     space: ConfigurationSpace, path: FloatArray, rng: np.random.Generator, attempts: int
 ) -> FloatArray:
-    """A path that is not longer: waypoints between two that see each other are dropped, over and over.
+    """A path that is no longer than this one: drops waypoints between two that see each other, repeatedly.
 
     Args:
         space: The configuration space.
@@ -77,7 +77,7 @@ def smooth(
     *,
     room: float = 0.0,
 ) -> FloatArray:
-    """A shorter path: straight motions between two places anywhere along it, over and over.
+    """A shorter path: joins places anywhere along it by straight motions, repeatedly.
 
     Args:
         space: The configuration space.
@@ -154,7 +154,9 @@ def checked_path(space: ConfigurationSpace, path: object) -> FloatArray:
     array = _waypoints(space, path, 2).copy()
     free = space.motions_free(array[:-1], array[1:])
     if not free.all():
-        raise InvalidInputError(f"path: expected free motions, got one from waypoint {int(np.argmin(free))}")
+        raise InvalidInputError(
+            f"path: expected free motions, got one in collision from waypoint {int(np.argmin(free))}"
+        )
     return array
 
 
@@ -203,7 +205,7 @@ def headings(space: ConfigurationSpace, path: FloatArray) -> FloatArray:
 
 @door
 def spaced_path(space: ConfigurationSpace, path: FloatArray, spacing: float) -> FloatArray:
-    """The path with more waypoints: none farther from the next than ``spacing`` (length).
+    """The path with more waypoints, so that none is farther from the next than ``spacing`` (length).
 
     Raises:
         InvalidInputError: No path, or a spacing that is not positive or asks for more waypoints than memory
@@ -223,7 +225,7 @@ def spaced_path(space: ConfigurationSpace, path: FloatArray, spacing: float) -> 
 
 @door
 def path_clearance(space: ConfigurationSpace, path: FloatArray, within: float | None = None) -> float:
-    """The least distance from the robot to obstacles and bounds along a path: never too large.
+    """The least distance from the robot to obstacles and bounds along a path; never overestimated.
 
     Args:
         space: The configuration space.

@@ -120,11 +120,13 @@ class RunFolder:
             if there != text:
                 changed = sorted(set(text.splitlines()) ^ set(there.splitlines()))
                 raise StorageError(
-                    f"{path}: expected the folder of the same run, got another one's; they differ in "
+                    f"{path}: expected the folder of the same run, got another run's; they differ in "
                     f"{'; '.join(changed[:6])}. Choose another folder (--out) to train anew"
                 )
         elif path.exists() and (not path.is_dir() or any(path.iterdir())):
-            raise StorageError(f"{path}: expected a folder of ours or an empty one; nothing was written")
+            raise StorageError(
+                f"{path}: expected an empty folder, or that of a run, got another; nothing was written"
+            )
         else:
             write_whole(file, text)
 

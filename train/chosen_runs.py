@@ -1,4 +1,4 @@
-"""Which runs of an evaluation to look at: the best, the median and the worst seed, or any; searched again."""
+"""The runs of an evaluation to look at: the best, the median, the worst seed, or any; searched again."""
 
 from __future__ import annotations
 
@@ -58,12 +58,12 @@ def _refuse(word: str, known: str) -> NoReturn:
 
 
 def in_order(runs: Sequence[Run]) -> list[Run]:
-    """Runs from best to worst: those that were solved by their total SE, then the others by theirs."""
+    """Runs from best to worst: the solved ones by total SE, then the others by total SE."""
     return sorted(runs, key=lambda run: (not run.solved, run.total_efficiency, run.seed))
 
 
 def chosen_runs(runs: Sequence[Run], words: Sequence[str]) -> dict[int, tuple[str, ...]]:
-    """Seed to why it was chosen.
+    """From each chosen seed to the reason for the choice.
 
     Args:
         runs: The runs of one guidance on one environment.
@@ -132,7 +132,7 @@ def _chosen(runs: Sequence[Run], words: Sequence[str]) -> list[tuple[Run, tuple[
 
 
 def trace_name(plan: Plan, seed: int) -> str:
-    """A file's name for a run: its environment, guidance and seed, with what no file's name should hold."""
+    """A file's name for a run: environment, guidance and seed, without what no file name should have."""
     label = f"{file_label(plan.environment)}-{plan.spec.label}"
     plain = re.sub(r"[^\w@=+.,-]+", "_", label)[:80]
     if plain != label:  # two labels must not become one

@@ -49,7 +49,7 @@ def database_label(paths: int) -> str:
 
 @dataclass(frozen=True)
 class Outcome:
-    """What came of a claim, and the figures that say so."""
+    """The outcome of a claim, and the figures behind it."""
 
     verdict: Verdict
     figures: str
@@ -83,12 +83,12 @@ class ClaimResult:
 
     @property
     def verdict(self) -> Verdict:
-        """Of the outcome."""
+        """The verdict of the outcome."""
         return self.outcome.verdict
 
     @property
     def why(self) -> str:
-        """The claim's explanation, where it is called for."""
+        """The claim's explanation, if one is called for."""
         return self.claim.why if self.verdict in ("does not hold", "open") else ""
 
     def record(self) -> dict[str, Any]:
@@ -128,7 +128,7 @@ def paper_claims() -> list[Claim]:
 
 
 def own_checks(results: Results, drawn: bool = True) -> list[Claim]:
-    """What the paper does not claim, and one would like to know, of whatever was evaluated.
+    """Checks of what the paper does not claim but readers would like to know, of whatever was evaluated.
 
     Args:
         results: Of the searches.
@@ -348,7 +348,7 @@ def _below(interval: Interval, bound: float) -> Verdict:
 
 
 def lower(pairs: Sequence[tuple[Key, Key]], column: Column, results: Results) -> Outcome:
-    """In each pair, the first group's column lies below the second's: so does their difference below 0.
+    """In each pair, the first group's column lies below the second's: their difference lies below 0.
 
     A search of the first that was not solved might have gone on: it counts as the worst of both.
     """

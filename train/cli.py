@@ -1,4 +1,4 @@
-"""The command line ``guided-gym``. Commands import what they need when they run: help has to be quick."""
+"""The command line ``guided-gym``. Commands import what they need when they run, so that help is quick."""
 
 from __future__ import annotations
 
@@ -52,35 +52,37 @@ class _Group(TyperGroup):
 app = typer.Typer(
     name="guided-gym",
     cls=_Group,
-    help="Guided motion planning: evaluate guiding spaces, reproduce the paper, build path databases.",
+    help="Guided motion planning: evaluate guidances, reproduce the paper, plan on maps, train agents.",
     no_args_is_help=True,
     pretty_exceptions_enable=False,
     add_completion=False,
 )
-database_app = typer.Typer(help="Build and inspect databases of solved paths.", no_args_is_help=True)
+database_app = typer.Typer(help="Build a database of solved paths, or look into one.", no_args_is_help=True)
 app.add_typer(database_app, name="database")
 problems_app = typer.Typer(
-    help="Build and inspect sets of problems with their oracles.", no_args_is_help=True
+    help="Build a set of problems with their oracles, or look into one.", no_args_is_help=True
 )
 app.add_typer(problems_app, name="problems")
 app.add_typer(train_app, name="train")
 
-Seeds = Annotated[int, typer.Option(help="Searches per environment and guidance, seeds counted from 0.")]
+Seeds = Annotated[int, typer.Option(help="Searches per environment and guidance, with seeds from 0 on.")]
 Figures = Annotated[bool, typer.Option("--figures/--no-figures", help="Draw figures.")]
 GoalTolerance = Annotated[
     float | None,
-    typer.Option(help="Distance at which the goal counts as reached; what the problem says by default."),
+    typer.Option(help="Distance at which the goal counts as reached. Default: what the problem says."),
 ]
 GoalEdge = Annotated[
     bool | None,
     typer.Option(
         "--goal-edge/--no-goal-edge",
-        help="Whether a visible goal counts as reached; what the problem says by default.",
+        help="Whether the goal counts as reached once a node sees it. Default: what the problem says.",
     ),
 ]
 Imports = Annotated[
     list[str] | None,
-    typer.Option("--import", help="Module that registers environments or guidances; may be repeated."),
+    typer.Option(
+        "--import", help="Module to import first, which registers environments or guidances. May be repeated."
+    ),
 ]
 
 
@@ -114,7 +116,8 @@ def _print_version(wanted: bool) -> None:
 @app.callback()
 def _root(
     version: Annotated[
-        bool, typer.Option("--version", callback=_print_version, is_eager=True, help="Print the version.")
+        bool,
+        typer.Option("--version", callback=_print_version, is_eager=True, help="Print the version and exit."),
     ] = False,
 ) -> None:
     pass
@@ -122,7 +125,7 @@ def _root(
 
 @app.command("list")
 def list_names(imports: Imports = None) -> None:
-    """Name the environments, guidances (learned ones too) and robots that there are."""
+    """List the environments, guidances (learned ones, too) and robots."""
     from guided_gym.train.overview import overview
     from guided_gym.train.specs import import_modules
 
@@ -139,57 +142,70 @@ def evaluate(
     env: Annotated[
         str,
         typer.Option(
-            help="Environments, separated by commas (see `guided-gym list`); NAME@test for test problems."
+            help="Environments (see `guided-gym list`), separated by commas. NAME@test draws test problems."
         ),
     ],
     guidance: Annotated[
         str,
         typer.Option(
-            help="Guidances, separated by commas: name@option=value, a+b for a hybrid, or any expression."
+            help="Guidances, separated by commas: name@option=value, a+b for a hybrid, or an expression."
         ),
     ] = "rrt,lazy_prm,medial_axis,hybrid",
     seeds: Seeds = 128,
-    out: Annotated[Path | None, typer.Option(help="Folder for results; results/ENV by default.")] = None,
-    max_samples: Annotated[int, typer.Option(help="Samples after which a search gives up.")] = 1000,
+    out: Annotated[Path | None, typer.Option(help="Folder of the results. Default: results/ENV.")] = None,
+    max_samples: Annotated[int, typer.Option(help="A search gives up after so many samples.")] = 1000,
     step: Annotated[
         float | None,
         typer.Option(
-            help="Radius of an expansion; by default what suits the space, 5 % of the diagonal at most."
+            help="Radius of an expansion. Default: chosen for each space, at most 5 % of its diagonal."
         ),
     ] = None,
-    candidates: Annotated[int, typer.Option(help="Candidates that a guided expansion looks at.")] = 16,
+    candidates: Annotated[int, typer.Option(help="Candidates from which a guided expansion chooses.")] = 16,
     protocol: Annotated[
         str,
-        typer.Option(help="What is compared: whole; selection (expansion in common); expansion (selection)."),
+        typer.Option(
+            help="What to compare: whole guidances, their selection alone, or their expansion alone."
+        ),
     ] = "whole",
     expansion: Annotated[
-        str | None, typer.Option(help="Who proposes expansions: uniform or a guidance; itself by default.")
+        str | None,
+        typer.Option(help="Who proposes expansions: uniform, or a guidance. Default: each guidance itself."),
     ] = None,
-    rewire: Annotated[bool, typer.Option("--rewire", help="Rewire the tree as it grows, like RRT*.")] = False,
+    rewire: Annotated[
+        bool, typer.Option("--rewire", help="Rewire the tree as it grows, as RRT* does.")
+    ] = False,
     goal_tolerance: GoalTolerance = None,
     goal_edge: GoalEdge = None,
-    epsilon: Annotated[float, typer.Option(help="Least probability of a node under the target.")] = 1e-4,
-    delta: Annotated[float, typer.Option(help="Temperature of the suboptimality.")] = 0.1,
-    tau: Annotated[float, typer.Option(help="Temperature of the work remaining.")] = 0.1,
+    epsilon: Annotated[float, typer.Option(help="Least probability that the target gives a node.")] = 1e-4,
+    delta: Annotated[float, typer.Option(help="Temperature of a node's suboptimality in the target.")] = 0.1,
+    tau: Annotated[float, typer.Option(help="Temperature of a node's remaining work in the target.")] = 0.1,
     normalisation: Annotated[
-        str, typer.Option(help="What both are divided by: start, the optimum; tree, their largest values.")
+        str,
+        typer.Option(
+            help="What both are divided by: start (the optimum), or tree (their largest values in the tree)."
+        ),
     ] = "start",
     resolution: Annotated[
-        str, typer.Option(help="Vertices of the oracle's grid along each axis: 128,128,64; it chooses them.")
+        str,
+        typer.Option(help="Vertices of the oracle's grid along each axis, as 128,128,64. Default: chosen."),
     ] = "",
     oracle_budget: Annotated[
-        int, typer.Option(help="Vertices of the oracle's finest grid, at most.")
+        int, typer.Option(help="Most vertices that the oracle's finest grid may have.")
     ] = 4_000_000,
     distributions: Annotated[
-        bool, typer.Option("--distributions", help="Measure each guidance's whole distribution too (slow).")
+        bool,
+        typer.Option("--distributions", help="Measure the whole distribution of each guidance, too (slow)."),
     ] = False,
-    database: Annotated[Path | None, typer.Option(help="Path database for path_database.")] = None,
+    database: Annotated[Path | None, typer.Option(help="Database of paths that path_database uses.")] = None,
     figures: Figures = True,
     trace: Annotated[
-        str, typer.Option(help="Searches to record for `replay`: best, median, worst or seeds, with commas.")
+        str,
+        typer.Option(
+            help="Searches to record for `replay`: best, median, worst or seeds, separated by commas."
+        ),
     ] = "",
     report: Annotated[
-        bool, typer.Option("--report", help="Make a page of it, as `guided-gym report FOLDER` does.")
+        bool, typer.Option("--report", help="Make a page of the results, as `guided-gym report FOLDER` does.")
     ] = False,
     imports: Imports = None,
     **given: Any,
@@ -270,19 +286,19 @@ def _resolution(text: str) -> tuple[int, ...] | None:
 @app.command("single-step")
 @takes(WORK)
 def single_step(
-    env: Annotated[str, typer.Option(help="The environment (see `guided-gym list`).")],
-    guidance: Annotated[str, typer.Option(help="Guidances that are judged, as for evaluate.")],
+    env: Annotated[str, typer.Option(help="Environment (see `guided-gym list`).")],
+    guidance: Annotated[str, typer.Option(help="Guidances to judge, written as for `evaluate`.")],
     harvest: Annotated[
-        str, typer.Option("--from", help="Guidances that grow the trees; those that are judged by default.")
+        str, typer.Option("--from", help="Guidances that grow the trees. Default: those that are judged.")
     ] = "",
     seeds: Seeds = 32,
-    moments: Annotated[int, typer.Option(help="Trees that are taken of each search.")] = 4,
-    max_samples: Annotated[int, typer.Option(help="Samples after which a search gives up.")] = 1000,
-    out: Annotated[Path | None, typer.Option(help="Folder for the table as CSV and JSON.")] = None,
+    moments: Annotated[int, typer.Option(help="Trees to take from each search.")] = 4,
+    max_samples: Annotated[int, typer.Option(help="A search gives up after so many samples.")] = 1000,
+    out: Annotated[Path | None, typer.Option(help="Folder for the table, as CSV and JSON.")] = None,
     imports: Imports = None,
     **given: Any,
 ) -> None:
-    """Judge how guidances select on the same trees, harvested from searches."""
+    """Judge how guidances select, all on the same trees, which come from searches."""
     from guided_gym.train.single_step import record, single_step_table
     from guided_gym.train.single_step import single_step as run
     from guided_gym.train.specs import EvaluationSettings, words
@@ -309,14 +325,17 @@ def reproduce(
     ),
     figures: Figures = True,
     baselines: Annotated[
-        bool, typer.Option(help="Evaluate goal_distance and uninformed on every problem too.")
+        bool, typer.Option(help="Evaluate goal_distance and uninformed on every problem, too.")
     ] = False,
     ompl: Annotated[
         bool,
-        typer.Option("--ompl", help="OMPL's planners beside the paper's guidances instead (docs/ompl.md)."),
+        typer.Option(
+            "--ompl", help="Compare OMPL's planners with the paper's guidances instead (docs/ompl.md)."
+        ),
     ] = False,
     arms: Annotated[
-        bool, typer.Option("--arms", help="Ask the claims anew of an arm, in the folder's subfolder arms.")
+        bool,
+        typer.Option("--arms", help="Check the claims on an arm instead; results go to the subfolder arms."),
     ] = False,
     **given: Any,
 ) -> None:
@@ -360,14 +379,16 @@ def _reproduce_ompl(seeds: int, workers: Executor, out: Path) -> None:
 @database_app.command("build")
 @takes(WORK)
 def database_build(
-    env: Annotated[str, typer.Argument(help="Environment whose problems are solved.")],
-    paths: Annotated[int, typer.Option(help="Paths that the database is to hold.")],
-    out: Annotated[Path | None, typer.Option(help="The file; databases/ENV.sqlite by default.")] = None,
+    env: Annotated[str, typer.Argument(help="Environment whose problems to solve.")],
+    paths: Annotated[int, typer.Option(help="Paths that the database shall hold.")],
+    out: Annotated[
+        Path | None, typer.Option(help="File of the database. Default: databases/ENV.sqlite.")
+    ] = None,
     seed: Annotated[int, typer.Option(help="Seed of the first problem.")] = 1_000_000,
     imports: Imports = None,
     **given: Any,
 ) -> None:
-    """Solve problems of an environment and keep their paths. Call it again to resume, or for more paths."""
+    """Solve an environment's problems and keep the paths. Call it again to resume, or for more paths."""
     from guided_gym.train.paths import build_path_database
     from guided_gym.train.specs import file_label, import_modules
 
@@ -382,8 +403,8 @@ def database_build(
 
 
 @database_app.command("info")
-def database_info(file: Annotated[Path, typer.Argument(help="A path database.")]) -> None:
-    """Say what a path database holds."""
+def database_info(file: Annotated[Path, typer.Argument(help="Database of paths.")]) -> None:
+    """Say what a database of paths holds."""
     from guided_gym.train.overview import database_rows
 
     console().print(_names_table(str(file), database_rows(file)))
@@ -392,9 +413,11 @@ def database_info(file: Annotated[Path, typer.Argument(help="A path database.")]
 @problems_app.command("build")
 @takes(WORK)
 def problems_build(
-    env: Annotated[str, typer.Argument(help="Environment whose problems are drawn; NAME@train for a split.")],
-    count: Annotated[int, typer.Option(help="Problems that the set is to hold.")],
-    out: Annotated[Path | None, typer.Option(help="The file; problems/ENV.problems by default.")] = None,
+    env: Annotated[
+        str, typer.Argument(help="Environment whose problems to draw. NAME@train draws from a split.")
+    ],
+    count: Annotated[int, typer.Option(help="Problems that the set shall hold.")],
+    out: Annotated[Path | None, typer.Option(help="File of the set. Default: problems/ENV.problems.")] = None,
     seed: Annotated[int, typer.Option(help="Seed of the first problem.")] = 0,
     goal_tolerance: GoalTolerance = None,
     goal_edge: GoalEdge = None,
@@ -418,8 +441,8 @@ def problems_build(
 
 
 @problems_app.command("info")
-def problems_info(file: Annotated[Path, typer.Argument(help="A problem set.")]) -> None:
-    """Say what a problem set holds."""
+def problems_info(file: Annotated[Path, typer.Argument(help="Set of problems.")]) -> None:
+    """Say what a set of problems holds."""
     from guided_gym.train.overview import problem_set_rows
 
     console().print(_names_table(str(file), problem_set_rows(file)))
@@ -436,7 +459,7 @@ def doctor() -> None:
 
 @app.command()
 def warmup() -> None:
-    """Compile all kernels now, so that nobody waits for them later; once for each version and machine."""
+    """Compile all kernels now, so that nobody waits for them later. Once per version and machine."""
     from guided_gym.train.warmup import warm_up
 
     seconds = warm_up(lambda name, spent: console().print(f"{spent:6.1f} s  {name}"))

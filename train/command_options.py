@@ -46,7 +46,12 @@ class Kind(StrEnum):
 
 _ON: Final[Options] = {
     "executor": (
-        Annotated[Kind, typer.Option(help="Who does the work: processes on this machine, or a Ray cluster.")],
+        Annotated[
+            Kind,
+            typer.Option(
+                help="Who does the work: processes on this machine (local), or a Ray cluster (ray)."
+            ),
+        ],
         Kind.LOCAL,
     ),
     "address": (
@@ -54,7 +59,7 @@ _ON: Final[Options] = {
             str | None,
             typer.Option(
                 help="With --executor ray: HOST:PORT of the cluster's head, or auto; all of its cores work. "
-                "Without, a cluster is started here, with as many cores as --workers says."
+                "Default: start a cluster on this machine, with as many cores as --workers says."
             ),
         ],
         None,
@@ -72,7 +77,7 @@ VALIDATION_WORK: Final[Options] = {
 
 
 def executor_of(given: dict[str, Any]) -> Executor:
-    """Who does the work by the options of `WORK`, which are taken out of what was given.
+    """The executor that the options of `WORK` ask for; they are taken out of ``given``.
 
     Raises:
         InvalidInputError: An address without Ray, or a number of workers that is not positive.

@@ -248,7 +248,7 @@ def _draw_solved(axes: Axes, series: Mapping[str, Progress], looks: Looks) -> No
 
 @dataclass(frozen=True)
 class Cost:
-    """What a guidance gives and takes: two points of a trade-off, each with its intervals.
+    """What a guidance gives and what it costs: two points of a trade-off, each with its intervals.
 
     Attributes:
         per_sample: Processor time of a sample (s), and SE of a sample (nats).

@@ -39,11 +39,11 @@ def read_runs(folders: Sequence[Path]) -> list[dict[str, Any]]:
     for folder, card in zip(folders, cards, strict=True):
         training = card.get("training", {})
         if any(name not in training for name in _PROBLEMS) or training.get("method") == "imitation":
-            raise InvalidInputError(f"{folder}: expected a run of train ppo or train hybrid")
+            raise InvalidInputError(f"{folder}: expected a run of train ppo or train hybrid, got another")
         if any(training[name] != cards[0]["training"][name] for name in _PROBLEMS):
             raise InvalidInputError(
-                f"{folder}: expected {', '.join(_PROBLEMS)} as in {folders[0]}; curves of other problems do "
-                "not compare"
+                f"{folder}: expected {', '.join(_PROBLEMS)} as in {folders[0]}; curves over other "
+                "problems cannot be compared"
             )
     return cards
 
@@ -51,7 +51,7 @@ def read_runs(folders: Sequence[Path]) -> list[dict[str, Any]]:
 def references(
     card: Metrics, names: Sequence[str], say: Callable[[str], None] = lambda _: None
 ) -> dict[str, dict[str, float]]:
-    """How guidances by name search on a run's validation problems.
+    """How well named guidances search on a run's validation problems.
 
     Args:
         card: What `read_runs` gives.
@@ -75,7 +75,7 @@ def references(
 
 @styled
 def learning_curves(cards: Sequence[Metrics], against: Mapping[str, Metrics] | None = None) -> Figure:
-    """Total SE and SE a sample on validation problems over the samples learned from, a line per run.
+    """Total SE and SE per sample on validation problems, over the samples learned from; a line per run.
 
     Args:
         cards: What `read_runs` gives.

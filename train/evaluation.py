@@ -195,7 +195,7 @@ def as_specs(
 
 
 def check_plans(plans: Sequence[Plan]) -> None:
-    """Refuse what can't work before anything is started.
+    """Refuse what cannot work before anything starts.
 
     Raises:
         GuidedGymError: Of the kind that says what is wrong: an unknown name, a bad option, no database.
@@ -262,7 +262,7 @@ def _first_that_works(plan: Plan, seeds: Sequence[int]) -> int | GuidedGymError:
 
 
 def checked_seeds(seeds: int | Iterable[int]) -> list[int]:
-    """The seeds, each once, in order; of a number, as many, counted from 0.
+    """The seeds, each once, in order; for a number, so many seeds from 0 on.
 
     Raises:
         InvalidInputError: One is no integer in [0, 2**63), or their number is not positive.

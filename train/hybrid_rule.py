@@ -27,7 +27,7 @@ from guided_gym.train.specs import package_version
 
 @dataclass(frozen=True)
 class HybridConfig(ReinforcementConfig):
-    """Options of a run that teaches a rule.
+    """Options of a run that trains a rule.
 
     Attributes:
         guides: Names of the guiding spaces to choose from.

@@ -1,4 +1,4 @@
-"""What code of yours a run depends on, as hashes: results of what was edited since are computed anew.
+"""Hashes of the user's code that a run depends on: results of code that was edited since are computed anew.
 
 The package's own code counts as a whole, elsewhere. Of yours count the modules that define the classes and
 functions behind a name (those of base classes too), and the modules of yours that they import. Each counts by
@@ -39,7 +39,7 @@ _FOLDERS: Final = frozenset(("site-packages", "dist-packages"))
 
 
 def code_identity(things: Iterable[Any]) -> dict[str, str]:
-    """Hashes of the code of yours behind classes, functions and instances.
+    """Hashes of the user's code behind classes, functions and instances.
 
     Returns:
         Name of a module, or of a class or function of a script, to its hash; empty if all is the package's.
@@ -56,7 +56,7 @@ def value_identity(value: Any) -> str:
 
 
 def problem_identity(problem: Problem) -> str:
-    """A hash of a problem and its regions, by which its figures are split."""
+    """A hash of a problem and of the regions by which its figures are split."""
     regions = sorted((name, region.wkb) for name, region in problem.regions.items())
     return _hash(problem.fingerprint, *itertools.chain.from_iterable(regions))
 
@@ -82,7 +82,7 @@ class _Seen:
         self._kept: list[Any] = []  # so that no identity is given twice
 
     def visit(self, thing: Any, depth: int = 0) -> None:
-        """Take note of the code behind a class, a function, or an instance and what it holds."""
+        """Note the code behind a class, a function, or an instance and what it holds."""
         thing = getattr(thing, "py_func", thing)  # what numba compiled
         if id(thing) in self._visited or depth > _DEEPEST:
             return

@@ -180,7 +180,7 @@ class _Run(StagedRun):
     # Stages
 
     def all_stages(self) -> dict[str, Any]:
-        """What is left of the run."""
+        """Run what is left of the training."""
         config = self.config
         self.total = config.problems + config.validation + 1 + config.decoder_epochs + config.rounds
         self.done = 0

@@ -17,15 +17,13 @@ def register(app: typer.Typer) -> None:
 
 
 def lab(
-    place: Annotated[
-        Path, typer.Argument(help="A problem file to open, or the folder of such files.")
-    ] = Path("."),
-    port: Annotated[int, typer.Option(help="Port of 127.0.0.1; 0 for any that is free.")] = 8765,
+    place: Annotated[Path, typer.Argument(help="Problem file to open, or folder of such files.")] = Path("."),
+    port: Annotated[int, typer.Option(help="Port on 127.0.0.1; 0 takes any that is free.")] = 8765,
     browser: Annotated[bool, typer.Option("--browser/--no-browser", help="Open a browser.")] = True,
-    seconds: Annotated[float, typer.Option(min=1, help="Time that a search may take.")] = 300.0,
-    memory: Annotated[int, typer.Option(min=1024, help="Memory that a search may take, in MB.")] = 4096,
+    seconds: Annotated[float, typer.Option(min=1, help="Seconds that a search may take.")] = 300.0,
+    memory: Annotated[int, typer.Option(min=1024, help="Megabytes of memory that a search may take.")] = 4096,
 ) -> None:
-    """Draw problems, run searches and watch them, in a page of this machine."""
+    """Draw problems, search them and watch the searches, in a page on this machine."""
     try:
         from guided_gym.train.lab.server import Lab, Limits, bound_socket, serve
     except ModuleNotFoundError as error:

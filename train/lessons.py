@@ -1,4 +1,4 @@
-"""What the field network learns from: problems as it sees them, and what the oracle says of poses in them."""
+"""What the field network learns from: problems as it sees them, and the oracle's values of poses in them."""
 
 from __future__ import annotations
 

@@ -159,7 +159,7 @@ class _Run(StagedRun):
         return MotionGuidance(self._agent(), scored=True, temperature=temperature)
 
     def all_stages(self) -> dict[str, Any]:
-        """What is left of the run."""
+        """Run what is left of the training."""
         config = self.config
         self.total, self.done = config.problems + 2 + config.rounds, 0
         lessons = self._lessons()
@@ -215,7 +215,7 @@ class _Run(StagedRun):
             if column_count(problem.space) != self.columns:
                 raise InvalidInputError(
                     f"environments: expected problems of one robot, {self.robot!r}, "
-                    f"got {problem.space.robot.name!r} too"
+                    f"got {problem.space.robot.name!r}, too"
                 )
             rng = np.random.default_rng([self.config.seed, _DATA_SEED, index])
             rows.append(_lesson(problem, self.config, rng))
@@ -333,5 +333,5 @@ def _ways(
             found.append((states, roadmap.points[goal]))
             parts.append(np.maximum(distance[some] / straight - 1.0, 0.0).astype(np.float32))
     if not found:
-        raise InvalidInputError("environments: expected problems with ways in them, got one with no room")
+        raise InvalidInputError("environments: expected problems with free motions, got one without")
     return found, np.concatenate(parts)

@@ -1,4 +1,4 @@
-"""The torch modules behind learned guidance: what trains. `field` and `scorer` run the same in numpy.
+"""The torch modules behind learned guidance, for training; `field` and `scorer` run the same in numpy.
 
 Import this module on demand only: torch comes with the extra ``[train]``.
 """

@@ -45,7 +45,7 @@ _MOST = 1e4  # no column of the scorer is negative, and none that large
 
 @dataclass(frozen=True)
 class PPOConfig(ReinforcementConfig):
-    """Options of a run that teaches a node scorer.
+    """Options of a run that trains a node scorer.
 
     Attributes:
         start: Where to begin: ``"scratch"`` with random weights on an untaught field, ``"plain"`` with the

@@ -1,4 +1,4 @@
-"""OMPL's planners beside the paper's guidances: how well they guide, and how true their paths are.
+"""OMPL's planners beside the paper's guidances: how well they guide, and how many of their paths collide.
 
 Three tables (docs/ompl.md): each planner's guidance, watched, with certified motions; OMPL as its users run
 it, with its own check of motions at two resolutions; and the length of the path over time.
@@ -87,7 +87,7 @@ class Unwatched:
 
 @dataclass(frozen=True)
 class OmplReport:
-    """What came of it.
+    """The results of the comparison.
 
     Attributes:
         results: The watched runs, and ours.
@@ -109,7 +109,7 @@ def ompl_report(
     out: str | Path = "results/ompl",
     progress: Progress | None = None,
 ) -> OmplReport:
-    """Run all three; what is in ``out`` already is not run again.
+    """Run all three parts; what is in ``out`` already is not run again.
 
     Args:
         environments: Names from the catalogue.
@@ -151,7 +151,7 @@ def ours(environment: str) -> tuple[str, ...]:
 
 
 def expression(environment: str, planner: str) -> str:
-    """A planner of OMPL as it is asked for on an environment."""
+    """The expression for a planner of OMPL on an environment."""
     return f"{planner}(angles=cut)" if environment == ARM and planner in CUT else planner
 
 
@@ -330,7 +330,7 @@ def fastest(records: Sequence[dict[str, Any]], environment: str) -> tuple[dict[s
     mine = [r for r in here if r["guidance"] in ours(environment)]
     theirs = [r for r in here if r["guidance"].startswith(f"{FAMILY}:") and r["colliding"] <= 0.01]
     if not mine or not theirs:
-        raise InvalidInputError(f"{environment}: expected planners that solve 95 %, got none")
+        raise InvalidInputError(f"{environment}: expected planners that solve 95 % of the searches, got none")
     return min(mine, key=_time), min(theirs, key=_time)
 
 

@@ -1,4 +1,4 @@
-"""What there is: names with one line each, a database's content, versions and folders."""
+"""Overviews: names with one line each, a database's content, versions and folders."""
 
 from __future__ import annotations
 

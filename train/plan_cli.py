@@ -31,47 +31,56 @@ if TYPE_CHECKING:
 
 EXIT_UNSOLVED = 1
 
-File = Annotated[Path, typer.Argument(help="A problem file (.toml, .json) or a map (docs/maps.md).")]
+File = Annotated[Path, typer.Argument(help="Problem file (.toml, .json) or map (docs/maps.md).")]
 RobotOption = Annotated[
     str | None,
     typer.Option(
-        "--robot", help="point, segment:LENGTH, rectangle:LENGTH,WIDTH or polygon:X,Y;X,Y;...; the file's."
+        "--robot",
+        help="point, segment:LENGTH, rectangle:LENGTH,WIDTH or polygon:X,Y;X,Y;... Default: the file's.",
     ),
 ]
-Start = Annotated[str | None, typer.Option(help="X,Y or X,Y,HEADING (radians); the file's by default.")]
-Goal = Annotated[str | None, typer.Option(help="X,Y or X,Y,HEADING (radians); the file's by default.")]
+Start = Annotated[
+    str | None,
+    typer.Option(help="Coordinates, such as X,Y or X,Y,HEADING (radians). Default: the file's start."),
+]
+Goal = Annotated[
+    str | None,
+    typer.Option(help="Coordinates, such as X,Y or X,Y,HEADING (radians). Default: the file's goal."),
+]
 MAP: Final[Options] = {  # the fields of `MapOptions` that a command line sets
     "unknown": (
-        Annotated[str, typer.Option(help="What unknown cells of a raster count as: occupied or free.")],
+        Annotated[str, typer.Option(help="What a raster's unknown cells count as: occupied or free.")],
         "occupied",
     ),
     "threshold": (
-        Annotated[float, typer.Option(help="Probability from which a cell of a raster is occupied.")],
+        Annotated[float, typer.Option(help="Probability from which on a raster's cell is occupied.")],
         0.5,
     ),
     "simplify": (
         Annotated[
-            float, typer.Option(help="Passages up to this width may open or close, for simpler polygons.")
+            float, typer.Option(help="Simplify polygons; passages up to this width may open or close.")
         ],
         0.0,
     ),
     "speckles": (
-        Annotated[int, typer.Option(help="Parts of a raster of fewer cells than this are left out.")],
+        Annotated[int, typer.Option(help="Leave out a raster's parts of fewer cells than this.")],
         1,
     ),
     "resolution": (
-        Annotated[float | None, typer.Option(help="Side of a cell of a picture or array.")],
+        Annotated[float | None, typer.Option(help="Side of a cell, for a picture or array.")],
         None,
     ),
     "geographic": (
         Annotated[
             bool,
-            typer.Option("--geographic", help="GeoJSON in degrees of longitude and latitude, to metres."),
+            typer.Option(
+                "--geographic", help="Convert GeoJSON from degrees of longitude and latitude to metres."
+            ),
         ],
         False,
     ),
     "repair": (
-        Annotated[bool, typer.Option("--repair", help="Mend polygons that cross themselves (GeoJSON).")],
+        Annotated[bool, typer.Option("--repair", help="Mend GeoJSON polygons that cross themselves.")],
         False,
     ),
 }
@@ -90,33 +99,41 @@ def plan(
     start: Start = None,
     goal: Goal = None,
     tasks: Annotated[
-        Path | None, typer.Option(help="CSV of tasks on this map: start, then goal, a task a line.")
+        Path | None, typer.Option(help="CSV file of tasks on this map, one per line: start, then goal.")
     ] = None,
     guidance: Annotated[
-        str, typer.Option(help="A guidance; auto: a wave on a grid as fine as the robot is small.")
+        str, typer.Option(help="Guidance; auto is a wave on a grid as fine as the robot needs.")
     ] = "auto",
     seed: Annotated[int, typer.Option(help="Seed of every random choice.")] = 0,
-    max_samples: Annotated[int, typer.Option(help="Samples after which a search gives up.")] = 2000,
+    max_samples: Annotated[int, typer.Option(help="A search gives up after so many samples.")] = 2000,
     smooth: Annotated[
-        int, typer.Option(help="Attempts to make the path shorter; certified like the path.")
+        int, typer.Option(help="Attempts to shorten the path. What they find is certified, too.")
     ] = 0,
-    room: Annotated[float, typer.Option(help="Clearance that smoothing keeps.")] = 0.0,
+    room: Annotated[float, typer.Option(help="Clearance that smoothing keeps to obstacles.")] = 0.0,
     seconds: Annotated[
-        float, typer.Option(help="Go on until so many seconds have passed, and keep the shortest path.")
+        float, typer.Option(help="Search on for so many seconds, and keep the shortest path.")
     ] = 0.0,
     velocity: Annotated[
-        str | None, typer.Option(help="Largest speed of each coordinate, or of all: adds times (toppra).")
+        str | None,
+        typer.Option(help="Largest speed, of each coordinate or of all. Adds times (needs toppra)."),
     ] = None,
-    acceleration: Annotated[str | None, typer.Option(help="Largest acceleration, likewise.")] = None,
-    svg: Annotated[Path | None, typer.Option(help="Draw the plan: .svg, .png or .pdf.")] = None,
+    acceleration: Annotated[str | None, typer.Option(help="Largest acceleration, given likewise.")] = None,
+    svg: Annotated[
+        Path | None, typer.Option(help="Draw the plan into this file (.svg, .png or .pdf).")
+    ] = None,
     history: Annotated[
-        Path | None, typer.Option(help="Draw the length of the path over time: .svg, .png or .pdf.")
+        Path | None,
+        typer.Option(help="Draw the path's length over time into this file (.svg, .png or .pdf)."),
     ] = None,
-    json_file: Annotated[Path | None, typer.Option("--json", help="Write all of the plan.")] = None,
-    csv_file: Annotated[Path | None, typer.Option("--csv", help="Write the waypoints.")] = None,
+    json_file: Annotated[
+        Path | None, typer.Option("--json", help="Write the whole plan into this file.")
+    ] = None,
+    csv_file: Annotated[
+        Path | None, typer.Option("--csv", help="Write the waypoints into this file.")
+    ] = None,
     **given: Any,
 ) -> None:
-    """Plan a path on a map, or many: its length, clearance, samples and time."""
+    """Plan a path on a map, or many paths, and print their length, clearance, samples and time."""
     from guided_gym.catalogue.maps import MapOptions
     from guided_gym.train.plans import Planner, read_tasks
 
@@ -154,11 +171,13 @@ def check(
     robot: RobotOption = None,
     start: Start = None,
     goal: Goal = None,
-    svg: Annotated[Path | None, typer.Option(help="Draw what was found: .svg, .png or .pdf.")] = None,
+    svg: Annotated[
+        Path | None, typer.Option(help="Draw what was found into this file (.svg, .png or .pdf).")
+    ] = None,
     path: Annotated[bool, typer.Option(help="Look whether there is a path at all.")] = True,
     **given: Any,
 ) -> None:
-    """Say what is wrong with a problem or map, draw it, and name the gaps that are narrow for the robot."""
+    """Say what is wrong with a problem or map, draw it, and name gaps that are narrow for the robot."""
     from guided_gym.catalogue.inspection import narrow_gaps, robot_widths
     from guided_gym.catalogue.maps import MapOptions
     from guided_gym.geometry.space import ConfigurationSpace
@@ -208,21 +227,21 @@ def check(
 
 @takes(MAP)
 def convert(
-    source: Annotated[Path, typer.Argument(help="A problem file or a map.")],
+    source: Annotated[Path, typer.Argument(help="Problem file or map.")],
     target: Annotated[
         Path,
         typer.Argument(
-            help="A problem file (.toml, .json), .geojson, a ROS map (.yaml, with a .pgm beside it) or a "
+            help="Problem file (.toml, .json), GeoJSON (.geojson), ROS map (.yaml, with a .pgm beside it) or "
             "picture (.svg, .png, .pdf)."
         ),
     ],
     robot: RobotOption = None,
     start: Start = None,
     goal: Goal = None,
-    task: Annotated[int, typer.Option(help="Which task of a MovingAI scenario.")] = 0,
+    task: Annotated[int, typer.Option(help="Number of the task in a MovingAI scenario, from 0 on.")] = 0,
     **given: Any,
 ) -> None:
-    """Convert a map or problem: into a problem file, GeoJSON, a ROS map or a picture."""
+    """Convert a map or problem into a problem file, GeoJSON, a ROS map or a picture."""
     from guided_gym.catalogue.files import file_of, map_file, write_problem_file
     from guided_gym.catalogue.maps import MapOptions, write_geojson, write_ros
 
@@ -349,7 +368,7 @@ def _limits(velocity: str | None, acceleration: str | None) -> tuple[list[float]
     if velocity is None and acceleration is None:
         return None
     if velocity is None or acceleration is None:
-        raise InvalidInputError("velocity, acceleration: expected both or none")
+        raise InvalidInputError("velocity, acceleration: expected both or none, got one of them")
     try:
         return [float(v) for v in velocity.split(",")], [float(v) for v in acceleration.split(",")]
     except ValueError:

@@ -1,4 +1,4 @@
-"""Plans on a map: many tasks in one space, what they need prepared once, and paths that get shorter."""
+"""Plans on a map: many tasks in one space, prepared for once, and paths that get shorter."""
 
 from __future__ import annotations
 
@@ -248,7 +248,7 @@ def _worth(guide: GuidingSpace) -> int:
 
 
 def read_tasks(path: Path, problem: Problem) -> list[Task]:
-    """The tasks of a CSV file: start, then goal, a task a line; a first line of names is left out.
+    """The tasks of a CSV file: one per line, start, then goal; a first line of names is skipped.
 
     Raises:
         StorageError: It cannot be read.
@@ -287,14 +287,14 @@ def _task(place: str, cells: Sequence[str], dimension: int, problem: Problem) ->
 
 
 def check_heading(place: str, q: Sequence[float]) -> None:
-    """Refuse a heading that can only be in degrees.
+    """Refuse a heading that can only be meant in degrees.
 
     Raises:
         InvalidInputError: It is beyond a full turn.
     """
     if len(q) == 3 and abs(q[2]) > 2.0 * math.pi + 1e-9:
         raise InvalidInputError(
-            f"{place}: expected a heading of -2 pi to 2 pi in radians, got {q[2]:g} (degrees?)"
+            f"{place}: expected a heading of -2 pi to 2 pi in radians, got {q[2]:g} (in degrees?)"
         )
 
 

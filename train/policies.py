@@ -29,7 +29,7 @@ _LARGE: Final = 5.0  # the logarithm of a large tree's size
 
 
 class Untouched(BaseFeaturesExtractor):
-    """Hands the whole observation on: what follows wants its parts, not one vector."""
+    """Hands the whole observation on, for modules that want its parts and not one vector."""
 
     def __init__(self, observation_space: spaces.Dict) -> None:
         super().__init__(observation_space, 1)

@@ -82,7 +82,7 @@ def search_once(
 
 
 def guiding_space(searcher: GuidingSpace | WatchedPlanner, what: str) -> GuidingSpace:
-    """Who searches, if it is a guiding space.
+    """The guiding space that searches, if it is one.
 
     Args:
         searcher: Who searches.
@@ -151,7 +151,7 @@ def sample_entropy(result: SearchResult) -> float:
 
 
 def checked_protocol(protocol: str, expansion: str | None, rewire: bool) -> None:
-    """Refuse a protocol that there is not, or that leaves nothing to compare.
+    """Refuse an unknown protocol, or one that leaves nothing to compare.
 
     Raises:
         InvalidInputError: It is one of these.

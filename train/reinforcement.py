@@ -1,4 +1,4 @@
-"""Reinforcement learning: PPO of stable-baselines3 in runs that a kill does not end.
+"""Reinforcement learning: PPO of stable-baselines3, in runs that survive a kill.
 
 `train_hybrid` (in `hybrid_rule`) teaches a rule of hybrids, `train_ppo` (in `node_policy`) a scorer. Both
 are a `Trainee` for the loop here: rollouts and updates, validation searches, the best weights kept.
@@ -117,11 +117,13 @@ class ReinforcementConfig:
             if number(name, getattr(self, name), least=0) > 1:
                 raise InvalidInputError(f"{name}: expected at most 1, got {getattr(self, name)!r}")
         if self.copies * self.rollout % self.batch == 1:
-            raise InvalidInputError("batch: expected no batch of a single sample (copies x rollout % batch)")
+            raise InvalidInputError(
+                f"batch: expected batches of at least two samples, got {self.batch}, which leaves one over"
+            )
 
 
 class Trainee(ABC):
-    """What is learned: an environment, the model that learns it, and the guidance that comes of it."""
+    """What is learned: an environment, the model that learns in it, and the guidance that results."""
 
     kind: str
     config: ReinforcementConfig
@@ -136,7 +138,7 @@ class Trainee(ABC):
 
     @abstractmethod
     def export(self, model: PPO) -> Tensors:
-        """The weights as an agent's files hold them."""
+        """The weights, as an agent's files hold them."""
 
     @abstractmethod
     def guidance(self, tensors: Tensors) -> GuidingSpace:
@@ -255,7 +257,7 @@ class _Run:
     # The loop
 
     def finish(self) -> dict[str, Any]:
-        """What is left of the run."""
+        """Run what is left of the training."""
         left = self.config.steps - self.model.num_timesteps
         if left > 0:
             self.model.learn(left, callback=_Keeper(self), reset_num_timesteps=False, tb_log_name="ppo")

@@ -20,6 +20,7 @@ from guided_gym.train.training_cli import (
     OptionTable,
     need,
     optional,
+    out_of,
     settings_of,
     train_app,
 )
@@ -28,83 +29,82 @@ if TYPE_CHECKING:
     from guided_gym.compute.workers import Executor
     from guided_gym.train.reinforcement import ReinforcementConfig
 
-Env = Annotated[str | None, typer.Argument(help="Environments to learn on, separated by commas.")]
-Out = Annotated[
-    Path | None, typer.Option(help="Folder of the run; runs/hybrid-ENV or runs/ppo-ENV by default.")
-]
-
 _PPO: OptionTable = {
     "seed": SEED,
     "steps": (int, "Samples to learn from."),
     "copies": (int, "Environments that are searched side by side."),
-    "rollout": (int, "Samples of each copy between updates."),
-    "batch": (int, "Samples a step of gradient descent."),
+    "rollout": (int, "Samples of each copy between two updates."),
+    "batch": (int, "Samples per step of gradient descent."),
     "epochs": (int, "Passes over a rollout."),
     "learning_rate": (float, "Learning rate of Adam."),
-    "anneal": (bool, "Whether the learning rate falls to nothing."),
+    "anneal": (bool, "Whether the learning rate falls to zero."),
     "gamma": (float, "Discount."),
     "gae_lambda": (float, "Lambda of the advantage estimates."),
     "entropy": (float, "Weight of the entropy in the loss."),
     "clip": (float, "Clip of the ratio of probabilities."),
     "reward_scale": (float, "Factor on the reward while learning."),
-    "max_samples": (int, "Samples after which a search gives up."),
+    "max_samples": (int, "A search gives up after so many samples."),
     "validation": VALIDATION,
     "validate_every": (int, "Samples between validations."),
-    "max_memory": (float, "MB that the rollout buffer may take."),
+    "max_memory": (float, "Megabytes that the rollout buffer may take."),
     "device": DEVICE,
     "tensorboard": TENSORBOARD,
 }
 _HYBRID: OptionTable = {"guides": (str, "Guiding spaces to choose from, separated by commas."), **_PPO}
 _SCORER: OptionTable = {
-    "start": (str, "scratch, plain, or an agent to go on from (a folder, or a shipped one's name)."),
-    "cells": (int, "Cells along each side of an untaught field."),
-    "headings": (int, "Headings of an untaught field."),
+    "start": (str, "Where to start: scratch, plain, or an agent (a folder, or the name of a shipped one)."),
+    "cells": (int, "Cells along each side of a field that is not learned."),
+    "headings": (int, "Headings of a field that is not learned."),
     "scorer_hidden": (int, "Units of each layer of the scorer."),
     **_PPO,
 }
 
 
 @train_app.command("hybrid")
-@takes({**VALIDATION_WORK, **optional(_HYBRID)})
+@takes({"out": out_of("hybrid"), **VALIDATION_WORK, **optional(_HYBRID)})
 def hybrid(
-    env: Env = None,
+    env: Annotated[
+        str | None,
+        typer.Argument(help="Environments to learn on, separated by commas. Default: RandomTrapCup."),
+    ] = None,
     config: Config = None,
-    out: Out = None,
     **given: Any,
 ) -> None:
-    """Learn which guiding space guides when, by plain PPO. Call it again to resume."""
+    """Learn which guiding space guides when, by PPO. Call it again to resume."""
     need("torch", "stable_baselines3", "sb3_contrib")
     from guided_gym.train.hybrid_rule import HybridConfig, train_hybrid
 
-    executor = executor_of(given)
+    executor, out = executor_of(given), given.pop("out")
     settings = settings_of(HybridConfig, config, {"environments": env, **given})
     _run("hybrid", train_hybrid, settings, out, executor)
 
 
 @train_app.command("ppo")
-@takes({**VALIDATION_WORK, **optional(_SCORER)})
+@takes({"out": out_of("ppo"), **VALIDATION_WORK, **optional(_SCORER)})
 def ppo(
-    env: Env = None,
+    env: Annotated[
+        str | None,
+        typer.Argument(help="Environments to learn on, separated by commas. Default: RandomSimplePassage."),
+    ] = None,
     config: Config = None,
-    out: Out = None,
     **given: Any,
 ) -> None:
     """Learn which node to expand, by MaskablePPO with the node scorer as policy. Call it again to resume."""
     need("torch", "stable_baselines3", "sb3_contrib")
     from guided_gym.train.node_policy import PPOConfig, train_ppo
 
-    executor = executor_of(given)
+    executor, out = executor_of(given), given.pop("out")
     settings = settings_of(PPOConfig, config, {"environments": env, **given})
     _run("ppo", train_ppo, settings, out, executor)
 
 
 @train_app.command("curves")
 def curves(
-    runs: Annotated[list[Path], typer.Argument(help="Folders of runs of train ppo or train hybrid.")],
+    runs: Annotated[list[Path], typer.Argument(help="Folders of runs of `train ppo` or `train hybrid`.")],
     against: Annotated[
         str | None, typer.Option(help="Guidances to compare with, separated by commas.")
     ] = None,
-    out: Annotated[Path, typer.Option(help="The figure: a .png, .pdf or .svg file.")] = Path("curves.png"),
+    out: Annotated[Path, typer.Option(help="File of the figure (.png, .pdf or .svg).")] = Path("curves.png"),
 ) -> None:
     """Draw the learning curves of runs, beside other guidances on the same validation problems."""
     from guided_gym.train.curves import learning_curves, read_runs, references

@@ -17,12 +17,12 @@ def register(app: typer.Typer) -> None:
 
 
 def replay(
-    trace: Annotated[Path, typer.Argument(help="A trace, as guided_search(..., trace=FILE) writes it.")],
-    other: Annotated[Path | None, typer.Argument(help="Another one, shown beside it.")] = None,
-    out: Annotated[Path, typer.Option("-o", "--out", help="The page.")] = Path("search.html"),
-    samples: Annotated[int, typer.Option(help="Samples of each that are shown at most.")] = 100_000,
+    trace: Annotated[Path, typer.Argument(help="Trace, as guided_search(..., trace=FILE) writes it.")],
+    other: Annotated[Path | None, typer.Argument(help="Second trace, shown beside the first.")] = None,
+    out: Annotated[Path, typer.Option("-o", "--out", help="File of the page.")] = Path("search.html"),
+    samples: Annotated[int, typer.Option(help="Most samples of a search that the page shows.")] = 100_000,
 ) -> None:
-    """Make a page that plays a search, or two side by side; it needs no network and opens from disk."""
+    """Make a page that plays a search, or two side by side. It needs no network and opens from disk."""
     from guided_gym.display.replay import replay_page
     from guided_gym.storage.whole_file import write_whole
 
@@ -34,16 +34,19 @@ def replay(
 
 
 def report(
-    folder: Annotated[Path, typer.Argument(help="A folder that `evaluate` or `reproduce` has written.")],
+    folder: Annotated[Path, typer.Argument(help="Folder that `evaluate` or `reproduce` has written.")],
     out: Annotated[
-        Path | None, typer.Option("-o", "--out", help="The page; report.html in the folder by default.")
+        Path | None, typer.Option("-o", "--out", help="File of the page. Default: report.html in the folder.")
     ] = None,
     replays: Annotated[
-        bool, typer.Option(help="Search the best, median and worst seeds again, to show them.")
+        bool, typer.Option(help="Search the best, median and worst seeds again, and show them.")
     ] = True,
     imports: Annotated[
         list[str] | None,
-        typer.Option("--import", help="Module that registers environments or guidances; may be repeated."),
+        typer.Option(
+            "--import",
+            help="Module to import first, which registers environments or guidances. May be repeated.",
+        ),
     ] = None,
 ) -> None:
     """Make one page of an evaluation: tables, differences, figures, searches, and what was not solved."""

@@ -65,7 +65,7 @@ _FIGURES: Final = {
 
 @dataclass(frozen=True)
 class Evaluation:
-    """What was run into a folder.
+    """What was run, and wrote its results into a folder.
 
     Attributes:
         plans: Environments, guidances and settings.
@@ -109,7 +109,7 @@ def note_evaluation(folder: Path, plans: Sequence[Plan], seeds: Sequence[int], c
 
 
 def read_evaluation(folder: Path) -> Evaluation:
-    """What was run into a folder.
+    """What was run, and wrote its results into a folder.
 
     Raises:
         StorageError: It holds no evaluation, or a damaged one.
@@ -271,7 +271,7 @@ def _what_was_run(evaluation: Evaluation, results: Results) -> str:
     ]
     items = "".join(f"<dt>{escaped(name)}</dt><dd>{escaped(text)}</dd>" for name, text in facts)
     command = f"<pre><code>{escaped(evaluation.command)}</code></pre>"
-    return f"<dl>{items}</dl><p>The command that repeats it, or goes on where it stopped:</p>{command}"
+    return f"<dl>{items}</dl><p>This command repeats it, or resumes it:</p>{command}"
 
 
 def _about(make: Callable[[str], Any], name: str) -> str:
@@ -295,7 +295,7 @@ def _table(rows: Sequence[Row]) -> str:
         cells += [_cell(row, measure) for measure in measures]
         body.append(f"<tr>{''.join(cells)}</tr>")
     note = (
-        "SE in nats, lower is better; 95 % intervals over seeds. * nobody is known to be better (paired "
+        "SE in nats, lower is better; 95 % intervals over seeds. * none is known to be better (paired "
         "seeds, 95 %). ≥ some searches were not solved; in comparisons each of those counts as the worst."
     )
     head = f"<tr>{_head('rank')}{_head('guidance', kind='text')}{heads}</tr>"
@@ -446,14 +446,14 @@ def _unsolved(results: Results, environment: str, rows: Sequence[Row]) -> str:
 
 def _why(run: Run, guidance: str) -> str:
     """What is known of a search that found no path: where it was spent, and how well it chose."""
-    said = f"{guidance}, seed {run.seed}: gave up after {run.samples:,} samples with {run.nodes:,} nodes"
+    said = f"{guidance}, seed {run.seed}: gave up after {run.samples:,} samples and {run.nodes:,} nodes"
     regions = {name: count for name, (_, count) in run.regions.items()}
     if run.samples and len(regions) > 1:
         name = max(regions, key=lambda one: regions[one])
-        said += f"; {regions[name] / run.samples:.0%} of them from nodes in {name}"
+        said += f"; {regions[name] / run.samples:.0%} of the samples started from nodes in {name}"
     if run.samples:
         collisions = 1 - (run.nodes - 1) / run.samples
         said += f"; {max(collisions, 0.0):.0%} collided"
         excess = run.excess_efficiency / run.samples
-        said += f"; each choice was {significant(excess)} nats worse than the best on its tree"
+        said += f"; a choice was {significant(excess)} nats worse than the best on its tree, on average"
     return said

@@ -95,7 +95,7 @@ def reproduce_arms(
     out: str | Path = "results/arms",
     progress: Progress | None = None,
 ) -> Report:
-    """Ask the paper's claims anew of an arm (`guided_gym.train.arm_claims`); arguments as `reproduce`."""
+    """Check the paper's claims on an arm (`guided_gym.train.arm_claims`); arguments as `reproduce`."""
     checked_seeds(seeds)
     plans = [Plan(ARM, GuidanceSpec(name)) for name in ARM_GUIDANCES]
     results = run_plans(plans, seeds=seeds, workers=workers, out=out, progress=_named(progress, "Searching"))
@@ -150,7 +150,7 @@ def _call(progress: Progress, what: str, done: int, total: int) -> None:
 
 
 def claims_table(claims: list[ClaimResult], title: str) -> Table:
-    """Claims with their verdicts and figures, and what is known of those that do not hold."""
+    """Claims with their verdicts and figures, and explanations of those that do not hold."""
     from rich.markup import escape
     from rich.table import Table
 

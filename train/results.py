@@ -207,7 +207,7 @@ def grid_shape(bounds: tuple[float, float, float, float]) -> tuple[int, int]:
 def grid_cells(
     positions: NDArray[np.float64], bounds: tuple[float, float, float, float]
 ) -> NDArray[np.uint16]:
-    """(m,) cell of each position (m, 2) on the grid of `grid_shape`; what lies outside counts to the edge."""
+    """(m,) cell of each position (m, 2) on the grid of `grid_shape`; positions outside count to the edge."""
     rows, columns = grid_shape(bounds)
     x = ((positions[:, 0] - bounds[0]) / (bounds[2] - bounds[0]) * columns).astype(np.int64)
     y = ((positions[:, 1] - bounds[1]) / (bounds[3] - bounds[1]) * rows).astype(np.int64)
@@ -368,7 +368,7 @@ class ResultsFile:
         self.close()
 
     def describe(self, fingerprint: str, content: Mapping[str, Any]) -> None:
-        """Note what a settings fingerprint stands for, unless nothing can be added anyway."""
+        """Note what a settings fingerprint stands for, unless the file can only be read."""
         if self._trouble is not None:
             return
         row = (fingerprint, json.dumps(content, sort_keys=True))
@@ -427,7 +427,7 @@ class ResultsFile:
                 cursor.executemany(query, rows)
 
     def runs(self, environment: str, guidance: str, settings: str, seeds: Sequence[int]) -> list[Run]:
-        """Those of the runs that are there, by seed.
+        """The runs that are there, by seed.
 
         Raises:
             StorageError: A row is damaged.

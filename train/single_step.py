@@ -60,7 +60,7 @@ class Harvest:
 
     @classmethod
     def of(cls, result: SearchResult, moments: int = MOMENTS) -> Harvest:
-        """The trees of a search at moments in the middle of equal parts of it; a short one has fewer."""
+        """The trees of a search at the middles of equal parts of it; a short search has fewer."""
         samples = result.samples
         at = np.unique(((np.arange(moments) + 0.5) * samples / moments).astype(np.int64))
         return cls(
@@ -215,7 +215,7 @@ def _row(label: str, of_seeds: Sequence[NDArray[np.float64]], trees: int) -> Sin
 
 
 def single_step_table(rows: Sequence[SingleStep], environment: str) -> Table:
-    """For `rich.print`, best first; * marks whom nobody is known to better, by paired seeds."""
+    """For `rich.print`, best first; * marks those that none is known to beat, by paired seeds."""
     from rich import box
     from rich.markup import escape
     from rich.table import Table
@@ -225,7 +225,7 @@ def single_step_table(rows: Sequence[SingleStep], environment: str) -> Table:
     table = Table(
         title=f"{environment}, single steps on {trees:,} trees of {seeds} seeds", title_justify="left",
         caption="Expected SE of one choice on the same trees, in nats; 95 % intervals over seeds. "
-        "* nobody is known to be better (paired seeds, 95 %).",
+        "* none is known to be better (paired seeds, 95 %).",
         caption_justify="left", box=box.SIMPLE_HEAD, pad_edge=False,
     )  # fmt: skip
     table.add_column("guidance", overflow="fold")

@@ -1,4 +1,4 @@
-"""What to run: guidances with their options, settings of the search, and the fingerprint of both."""
+"""What to run: guidances with their options, settings of the search, and a fingerprint of both."""
 
 from __future__ import annotations
 
@@ -190,7 +190,7 @@ def _short(value: Any) -> str:
 
 
 def made(spec: GuidanceSpec) -> GuidingSpace | WatchedPlanner:
-    """A guiding space that this process keeps: some are dear to make, and each search resets it anyway.
+    """A guiding space that this process keeps: some are costly to make, and each search resets them anyway.
 
     It is made anew where what its names stand for has changed: a class of yours, an agent, a database.
     """
@@ -233,7 +233,7 @@ def _changed(file: Path) -> tuple[int, int]:
 @doors
 @dataclass(frozen=True)
 class EvaluationSettings:
-    """Everything that the figures of a run depend on besides environment, guidance and seed.
+    """Everything besides environment, guidance and seed that the figures of a run depend on.
 
     Attributes:
         max_samples: Samples after which a search gives up.

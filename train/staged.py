@@ -231,13 +231,13 @@ class TreeLessons:
         self.rows: list[Tree] = []
 
     def some(self, count: int) -> list[Tree]:
-        """Up to ``count`` of them, evenly spread, of trees with a choice."""
+        """Up to ``count`` of the lessons, evenly spread, from trees with a choice."""
         rows = self.rows
         which = np.unique(np.linspace(0, len(rows) - 1, min(count, len(rows))).astype(int))
         return [rows[k] for k in which if len(rows[k][1]) > 1]
 
     def before(self, node: int) -> None:
-        """Take down the tree as it stands."""
+        """Record the tree as it stands."""
         target = self._measure.distribution().astype(np.float32)
         self.rows.append((self._guidance.columns(self._tree), target))
 
@@ -304,7 +304,7 @@ def moments_of(optimizer: torch.optim.Optimizer) -> Tensors:
 
 
 def put_moments(optimizer: torch.optim.Optimizer, moments: Tensors) -> None:
-    """Give Adam the state that `moments_of` took; nothing to give leaves it as it is."""
+    """Give Adam the state that `moments_of` took; without any, leave it as it is."""
     if not moments:
         return
     state = optimizer.state_dict()
@@ -315,7 +315,7 @@ def put_moments(optimizer: torch.optim.Optimizer, moments: Tensors) -> None:
 
 
 def late(losses: list[float]) -> float:
-    """The mean of the last losses; 0 if there are none."""
+    """The mean of the last losses; 0 without any."""
     return float(np.mean(losses[-_LATE:])) if losses else 0.0
 
 

@@ -121,7 +121,7 @@ class Looks:
                 self._looks[name] = (*self._looks[name][:2], dash)
 
     def label(self, name: str) -> str:
-        """What the reader sees."""
+        """The text of the label that the reader sees."""
         return self._looks[name][0]
 
     def colour(self, name: str) -> str:

@@ -93,7 +93,7 @@ class Row:
         unsolved: Runs that found no path.
         rank: Place on this environment, from 1: who solves provably less than the best comes after those who
             do not, and then counts the measure of `ranking_measure`.
-        best: Keys of the measures in which nobody is known to be better.
+        best: Keys of the measures in which none is known to be better.
         skipped: Seeds whose problems were left out, and why.
     """
 
@@ -214,7 +214,7 @@ class Comparison:
         )
 
     def best(self, measure: Measure) -> list[str]:
-        """Whom nobody is known to better, among those who solve no less than the best."""
+        """Those that none is known to beat, among the guidances that solve no less than the best."""
         scores = self.scores(measure)
         sign = -1.0 if measure.better == "high" else 1.0
         scored = [guidance for guidance in self.reliable if np.isfinite(scores[guidance]).any()]
@@ -262,7 +262,7 @@ def _has_distributions(results: Results) -> bool:
 
 
 _PARTS = {
-    "quality": "SE in nats, lower is better; 95 % intervals over seeds below. * nobody is known to be better "
+    "quality": "SE in nats, lower is better; 95 % intervals over seeds below. * none is known to be better "
     "(paired seeds, 95 %). ≥ some searches were not solved; in comparisons each counts as the worst.",
     "cost": "Looks: what the guidance itself checked for collision, or looked up in a raster.",
 }

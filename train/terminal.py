@@ -1,4 +1,4 @@
-"""What the commands print on: a console, and how long jobs tell how far they are."""
+"""What the commands print on: a console, and the progress of long jobs."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ def end_on_sigterm() -> None:
 
 
 def exit_code(error: KeyboardInterrupt) -> int:
-    """What a command that was stopped exits with."""
+    """The exit code of a command that was stopped."""
     return EXIT_TERMINATED if isinstance(error, Terminated) else EXIT_INTERRUPTED
 
 
@@ -48,7 +48,7 @@ def console(stderr: bool = False) -> Console:
 
 @contextlib.contextmanager
 def progress_bar(title: str, place: Path) -> Iterator[Callable[..., None]]:
-    """Progress on stderr, as a bar on a terminal, else as lines; after Ctrl-C, what is done and how to go on.
+    """Show progress on stderr: a bar on a terminal, else lines; after Ctrl-C, what is done and how to go on.
 
     Yields:
         What to call with (done, total), or with (done, total, what is being done).

@@ -24,18 +24,17 @@ C = TypeVar("C")
 train_app = typer.Typer(help="Train learned guidance (needs the extra 'train').", no_args_is_help=True)
 
 Config = Annotated[
-    Path | None, typer.Option(help="TOML file of options, as a run writes it; options given here win.")
+    Path | None,
+    typer.Option(help="TOML file of options, as a run writes it. Options on the command line win."),
 ]
-Out = Annotated[Path | None, typer.Option(help="Folder of the run; runs/imitation-ENV by default.")]
-
 
 OptionTable = Mapping[str, tuple[type, str]]
 """Of options, named as the fields of a configuration: the type on the command line, and the help."""
 
-SEED = (int, "Seed of everything random.")
+SEED = (int, "Seed of every random choice.")
 VALIDATION = (int, "Validation problems.")
-DEVICE = (str, "cpu or cuda.")
-SELECTION = (bool, "Whether trees and validation searches are expanded uniformly.")
+DEVICE = (str, "Device to learn on: cpu or cuda.")
+SELECTION = (bool, "Whether all searches expand uniformly, so that selection alone is learned.")
 TENSORBOARD = (bool, "Write TensorBoard files.")
 LISTS = ("environments", "guides")  # with commas on the command line
 
@@ -45,12 +44,12 @@ _OPTIONS: OptionTable = {
     "validation": VALIDATION,
     "decoder_epochs": (int, "Passes over the training problems."),
     "rounds": (int, "Rounds of DAgger."),
-    "searches": (int, "Searches a round."),
-    "divergence": (str, "forward: D_KL(Q || P); reverse: D_KL(P || Q)."),
+    "searches": (int, "Searches in each round."),
+    "divergence": (str, "What is minimised: forward, D_KL(Q || P); or reverse, D_KL(P || Q)."),
     "selection": SELECTION,
     "cells": (int, "Cells along each side of the raster."),
     "headings": (int, "Headings of the grid."),
-    "planning": (bool, "Whether the field has its wave."),
+    "planning": (bool, "Whether a wave plans on the field."),
     "device": DEVICE,
     "tensorboard": TENSORBOARD,
 }
@@ -61,6 +60,11 @@ def optional(table: OptionTable) -> Options:
     return {
         name: (Annotated[kind | None, typer.Option(help=text)], None) for name, (kind, text) in table.items()
     }
+
+
+def out_of(method: str) -> tuple[Any, None]:
+    """The option of the folder of a run by this method."""
+    return Annotated[Path | None, typer.Option(help=f"Folder of the run. Default: runs/{method}-ENV.")], None
 
 
 def need(*packages: str) -> None:
@@ -97,20 +101,20 @@ def settings_of(kind: type[C], config: Path | None, given: Mapping[str, Any]) ->
 
 
 @train_app.command("imitation")
-@takes({**VALIDATION_WORK, **optional(_OPTIONS)})
+@takes({"out": out_of("imitation"), **VALIDATION_WORK, **optional(_OPTIONS)})
 def imitation(
     env: Annotated[
-        str | None, typer.Argument(help="Environments to learn from, separated by commas.")
+        str | None,
+        typer.Argument(help="Environments to learn from, separated by commas. Default: RandomSimplePassage."),
     ] = None,
     config: Config = None,
-    out: Out = None,
     **given: Any,
 ) -> None:
-    """Learn a field network from the oracle and a node scorer from its target. Call it again to resume."""
+    """Learn a field from the oracle, and a node scorer from its target. Call it again to resume."""
     need("torch")
     from guided_gym.train.imitation import ImitationConfig, train_imitation
 
-    executor = executor_of(given)
+    executor, out = executor_of(given), given.pop("out")
     settings = settings_of(ImitationConfig, config, {"environments": env, **given})
     _run("imitation", partial(train_imitation, settings), settings.environments, out, executor)
 
@@ -118,31 +122,31 @@ def imitation(
 _MOTION_OPTIONS: OptionTable = {
     "seed": SEED,
     "problems": (int, "Training problems."),
-    "motions": (int, "Motions of each that are checked for collision."),
+    "motions": (int, "Motions of each problem that are checked for collision."),
     "validation": VALIDATION,
-    "belief_steps": (int, "Steps of the belief."),
-    "estimate_steps": (int, "Steps of the cost-to-go."),
+    "belief_steps": (int, "Steps of gradient descent of the belief."),
+    "estimate_steps": (int, "Steps of gradient descent of the cost-to-go."),
     "rounds": (int, "Rounds of DAgger."),
-    "searches": (int, "Searches a round."),
+    "searches": (int, "Searches in each round."),
     "selection": SELECTION,
 }
 
 
 @train_app.command("motions")
-@takes({**VALIDATION_WORK, **optional(_MOTION_OPTIONS)})
+@takes({"out": out_of("motions"), **VALIDATION_WORK, **optional(_MOTION_OPTIONS)})
 def motions(
     env: Annotated[
-        str | None, typer.Argument(help="Environments of one robot to learn from, separated by commas.")
+        str | None,
+        typer.Argument(help="Environments of one robot, separated by commas. Default: RandomPlanarArm4."),
     ] = None,
     config: Config = None,
-    out: Out = None,
     **given: Any,
 ) -> None:
-    """Learn which motions are free, and the cost-to-go, where no grid can go. Call it again to resume."""
+    """Learn which motions are free, and the cost-to-go, without a grid. Call it again to resume."""
     need("torch")
     from guided_gym.train.motions import MotionConfig, train_motions
 
-    executor = executor_of(given)
+    executor, out = executor_of(given), given.pop("out")
     settings = settings_of(MotionConfig, config, {"environments": env, **given})
     _run("motions", partial(train_motions, settings), settings.environments, out, executor)
 

@@ -1,4 +1,4 @@
-"""How well a guidance searches on validation problems: what trainings keep their best weights by."""
+"""How well a guidance searches on validation problems, by which trainings choose their best weights."""
 
 from __future__ import annotations
 

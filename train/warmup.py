@@ -1,4 +1,4 @@
-"""Compile every kernel that searches, environments and the oracle use, before anyone waits for it."""
+"""Compile every kernel that searches, environments and the oracle use, before anyone has to wait."""
 
 from __future__ import annotations
 

@@ -1,1 +1,1 @@
-"""Problems and distributions: the paper's, more to learn from, splits, and yours."""
+"""Problems and their distributions: the paper's, others to learn from, their splits, and your own."""

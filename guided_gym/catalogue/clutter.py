@@ -1,4 +1,4 @@
-"""Random clutter: polygons of any shape thrown into the workspace, never so that no path is left."""
+"""Random clutter: polygons of any shape thrown into the workspace so that a path is always left."""
 
 from __future__ import annotations
 

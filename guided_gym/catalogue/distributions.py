@@ -171,7 +171,7 @@ class ProblemList(ProblemDistribution):
         """Problem number ``index``, 0 to ``len(self) - 1``."""
 
     def sample(self, rng: np.random.Generator) -> Problem:
-        """One of the problems, each as likely."""
+        """One of the problems, all equally likely."""
         return self[int(rng.integers(len(self)))]
 
     def problem(self, seed: int, tolerance: float | None = None, by_edge: bool | None = None) -> Problem:

@@ -109,7 +109,7 @@ class Shape(_Model):
             got = " and ".join(forms) or "none"
             raise ValueError(f"expected one of box, polygon, wkt and geojson, got {got}")
         if self.holes and self.polygon is None:
-            raise ValueError("expected holes beside a polygon only")
+            raise ValueError("expected holes only beside a polygon, got them beside another shape")
         return self
 
     def shape(self, place: str) -> shapely.Geometry:
@@ -340,7 +340,7 @@ class Metric(_Model):
 
 
 class Units(_Model):
-    """What lengths and angles are in; lengths are only named, angles in degrees become radians."""
+    """Units of lengths and angles. Lengths are only named; angles in degrees become radians."""
 
     length: Text = "m"
     angle: Literal["rad", "deg"] = "rad"
@@ -455,7 +455,7 @@ class ProblemFile(_Model):
         return self.arm is None and (self.robot is None or self.robot.kind != "linkage")
 
     def configurations(self) -> dict[str, list[float]]:
-        """What there is of start and goal(s), angles in radians, by the names of their fields."""
+        """Start and goals, as far as the file has them, by the names of their fields; angles in radians."""
         if self.units.angle == "rad":
             return {name: list(q) for name, q in self._poses()}
         first = 2 if self.robot is None else self.robot.first_angle
@@ -497,11 +497,11 @@ class ProblemFile(_Model):
             StorageError: The map cannot be read.
         """
         if self.robot is None and self.arm is None:
-            raise InvalidInputError("robot: expected this field of a problem, got none")
+            raise InvalidInputError("robot: a problem needs this field, got none")
         poses = self.configurations()
         for name in ("start", "goal"):
             if name not in poses and not (name == "goal" and self.goals):
-                raise InvalidInputError(f"{name}: expected this field of a problem, got none")
+                raise InvalidInputError(f"{name}: a problem needs this field, got none")
         robot: Mechanism = self.arm.arm() if self.robot is None else self.robot.robot()  # type: ignore[union-attr]
         environment = self.environment(folder)
         if self.arm is None:  # in space, the problem says what is wrong
@@ -614,7 +614,7 @@ def parsed_toml(path: Path, text: str) -> dict[str, Any]:
     if deepest > MOST_NESTED:  # Python's reader takes the square of that
         raise StorageError(f"{path}: expected keys of at most {MOST_NESTED} parts, got {deepest + 1}")
     if re.search(r"[0-9_]{5000}", text):  # Python's reader takes a hundred times the memory
-        raise StorageError(f"{path}: expected TOML, got: an integer of thousands of digits")
+        raise StorageError(f"{path}: expected TOML, got an integer of thousands of digits")
     try:
         return tomllib.loads(text)
     except tomllib.TOMLDecodeError as error:
@@ -848,7 +848,7 @@ def map_file(
     poses: Mapping[str, Sequence[float]],
     rotation_weight: float | None = None,
 ) -> ProblemFile:
-    """The model of a workspace with what else is known of a problem in it.
+    """The model of a workspace, and of a problem in it as far as it is known.
 
     Where ``source`` is a problem file, all that it says besides stays.
 
@@ -922,7 +922,7 @@ def _content(model: ProblemFile) -> dict[str, Any]:
 
 
 def problem_content(problem: Problem) -> dict[str, Any]:
-    """What a problem file says of a problem, for other files to hold; `problem_of` makes the same one of it.
+    """The content of a problem file as a dictionary, from which `problem_of` makes the same problem.
 
     Raises:
         InvalidInputError: A number beyond what a file may have.
@@ -1099,8 +1099,8 @@ def _distribution(path: Path, changed: int, size: int) -> ProblemDistribution:
         return ScenarioProblems(path)
     if suffix in MAP_SUFFIXES:
         raise InvalidInputError(
-            f"{path}: expected a problem, got a map, which has no robot, start and goal: "
-            f"guided-gym convert {path.name} problem.toml --robot ... --start ... --goal ..."
+            f"{path}: expected a problem, got a map, which has no robot, start or goal; "
+            f"guided-gym convert {path.name} problem.toml --robot ... --start ... --goal ... adds them"
         )
     several = FileProblems(path)
     return several if len(several) > 1 else FixedProblem(several[0], f"The problem of {path.name}")

@@ -1,4 +1,4 @@
-"""Readers of maps that people have: ROS map_server, MovingAI, GeoJSON, pictures and arrays.
+"""Readers of maps in common formats: ROS map_server, MovingAI, GeoJSON, pictures and arrays.
 
 A map is bounds and obstacles, an `Environment`; robots and tasks come from problem files
 (`guided_gym.catalogue.files`). Nothing that is read can run code, and sizes are checked before anything is
@@ -50,7 +50,7 @@ _OCCUPIED, _UNKNOWN = 100, -1  # as in ROS
 @doors
 @dataclass(frozen=True)
 class MapOptions:
-    """What a map does not say itself.
+    """What a map does not say by itself.
 
     Attributes:
         unknown: ``"occupied"`` or ``"free"``: what cells of which nothing is known count as.
@@ -128,7 +128,9 @@ def read_map(path: str | Path, options: MapOptions = DEFAULT_OPTIONS) -> Environ
     except InvalidInputError as error:
         raise InvalidInputError(f"{path}: {error}") from None
     except (MemoryError, RecursionError) as error:
-        raise StorageError(f"{path}: expected a map, got one that is too large or nested too deep") from error
+        raise StorageError(
+            f"{path}: expected a map, got one that is too large or nested too deeply"
+        ) from error
 
 
 def read_bytes(path: Path, largest: int = LARGEST) -> bytes:
@@ -165,7 +167,7 @@ def read_text(path: Path, largest: int = LARGEST) -> str:
 
 
 def check_nesting(path: Path, text: str) -> None:
-    """Refuse text with brackets nested so deep that no honest file has them: readers would overflow.
+    """Refuse text whose brackets are nested deeper than in any honest file: readers would overflow.
 
     Raises:
         StorageError: It is.
@@ -328,7 +330,7 @@ def _ros_fields(path: Path) -> dict[str, Any]:
         raise InvalidInputError(f"expected the fields of a ROS map, got {type(fields).__name__}")
     for name in ("image", "resolution", "origin", "negate", "occupied_thresh", "free_thresh"):
         if name not in fields:
-            raise InvalidInputError(f"{name}: expected this field of a ROS map, got none")
+            raise InvalidInputError(f"{name}: a ROS map needs this field, got none")
     if not isinstance(fields["image"], str) or not fields["image"]:
         raise InvalidInputError(f"image: expected the name of a picture, got {fields['image']!r}")
     return fields
@@ -386,7 +388,7 @@ def _ros_origin(value: object) -> list[float]:
     pose = [_as_number("origin", part) for part in value]
     if abs(pose[2]) > 2.0 * math.pi:
         raise InvalidInputError(
-            f"origin: expected a yaw of -2 pi to 2 pi in radians, got {pose[2]!r} (degrees?)"
+            f"origin: expected a yaw of -2 pi to 2 pi in radians, got {pose[2]!r} (in degrees?)"
         )
     return pose
 
@@ -574,7 +576,9 @@ def _array_map(path: Path, options: MapOptions) -> Environment:
 
 def _raster_map(occupancy: npt.NDArray[Any], options: MapOptions) -> Environment:
     if options.resolution is None:
-        raise InvalidInputError("resolution: expected the side of a cell, which this map does not say")
+        raise InvalidInputError(
+            "resolution: expected the side of a cell, since this map does not say it; got none"
+        )
     return Environment.from_occupancy(
         occupancy,
         options.resolution,
@@ -616,7 +620,7 @@ def movingai_cells(path: Path) -> npt.NDArray[np.bool_]:
     header = [line.split() for line in lines[:4]]
     names = [words[0].lower() if words else "" for words in header]
     if names != ["type", "height", "width", "map"]:
-        raise StorageError(f"{path}: expected lines type, height, width and map at first, got {shown(names)}")
+        raise StorageError(f"{path}: expected lines type, height, width and map first, got {shown(names)}")
     sizes = []
     for line, words in enumerate(header[1:3], start=2):
         if len(words) != 2 or not words[1].isdecimal() or not 0 < len(words[1]) < 8 or not int(words[1]):
@@ -787,7 +791,9 @@ def obstacle_polygons(place: str, shape: shapely.Geometry, repair: bool) -> list
         return [polygon for part in parts for polygon in obstacle_polygons(place, part, repair)]
     for part in parts:
         if not isinstance(part, shapely.Polygon):
-            raise InvalidInputError(f"{place}: expected polygons, got a {part.geom_type} (role = 'ignore'?)")
+            raise InvalidInputError(
+                f"{place}: expected polygons, got a {part.geom_type} (role = 'ignore' leaves it out)"
+            )
     if repair:
         mended = shapely.make_valid(np.array(parts, object), method="structure", keep_collapsed=False)
         parts = [part for part in shapely.get_parts(mended).tolist() if isinstance(part, shapely.Polygon)]

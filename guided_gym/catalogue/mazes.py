@@ -203,7 +203,7 @@ def lattice_mazes(robot: str, obstacles: tuple[int, int], name: str = "LatticeMa
 def lattice_maze(
     rng: np.random.Generator, robot: str, obstacles: tuple[int, int], name: str, apart: int = 0
 ) -> Problem:
-    """One problem of `lattice_mazes`: a perfect maze without some of its walls, start and goal anywhere.
+    """One problem of `lattice_mazes`: a perfect maze without some walls, start and goal anywhere.
 
     With ``apart``, start and goal do not see each other and their way leads through as many cells or more.
     """

@@ -141,7 +141,7 @@ def _array(archive: zipfile.ZipFile, key: str, path: Path) -> NDArray[Any]:
     """
     name = f"{key}.npy"
     if name not in archive.namelist():
-        raise StorageError(f"{path}: expected an npz file with {', '.join(KEYS)}, got none with {key}")
+        raise StorageError(f"{path}: expected an npz file with {', '.join(KEYS)}, got one without {key}")
     size = archive.getinfo(name).file_size
     affordable(key, path.name, 3 * size, "the array")
     with archive.open(name) as stream:

@@ -1,4 +1,4 @@
-"""Sets of problems with their oracles in one file: solved once, posed by any number of processes."""
+"""Sets of problems with their oracles, one file each: solved once, then used by any number of processes."""
 
 from __future__ import annotations
 
@@ -41,7 +41,7 @@ Progress = Callable[[int, int], None]
 
 @doors
 class ProblemSet(ProblemList):
-    """The problems of a file that `build_problem_set` has built: number i is its i-th, modulo their number.
+    """The problems of a file that `build_problem_set` has built; number i is its i-th, modulo its size.
 
     What is posed is, to the last bit, what the distribution draws for the seeds that the set was built for,
     with oracles that need no solving. Processes share the file's pages in memory; copies of a set, like those
@@ -101,13 +101,13 @@ class ProblemSet(ProblemList):
             raise StorageError(f"{where}: {error}; build the set again") from error
         except (KeyError, TypeError, ValueError, shapely.errors.ShapelyError) as error:
             raise StorageError(
-                f"{where}: expected a problem and its oracle, got another thing ({error}); build it again"
+                f"{where}: expected a problem and its oracle, got something else ({error}); build it again"
             ) from error
 
     def draw(
         self, rng: np.random.Generator, tolerance: float | None = None, by_edge: bool | None = None
     ) -> Problem:
-        """One of the problems, each as likely; those without a path are passed over.
+        """One of the problems, all equally likely; those without a path are passed over.
 
         Raises:
             NoPathError: None of `TRIES` draws has one.
@@ -122,7 +122,7 @@ class ProblemSet(ProblemList):
     def check(
         self, distribution: ProblemDistribution, tolerance: float | None = None, by_edge: bool | None = None
     ) -> None:
-        """Refuse to stand for a distribution that the set was not built for.
+        """Refuse a distribution that the set was not built for.
 
         Args:
             distribution: The distribution.
@@ -291,7 +291,7 @@ def _check_same(path: Path, there: dict[str, Any], header: dict[str, Any]) -> No
         if there.get(name) != header[name]:
             raise InvalidInputError(
                 f"{path}: expected a problem set with {name} {header[name]!r}, got one with "
-                f"{there.get(name)!r}; name another file"
+                f"{there.get(name)!r}; choose another file"
             )
 
 

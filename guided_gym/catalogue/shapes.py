@@ -29,7 +29,7 @@ def wall(x0: float, x1: float, *gaps: tuple[float, float]) -> list[Polygon]:
 
 
 def cup(x0: float, x1: float, y0: float, y1: float, thickness: float) -> list[Polygon]:
-    """A C-shaped obstacle, open to the left: a dead end for who comes from there."""
+    """A C-shaped obstacle, open to the left: a dead end for those who come from there."""
     return [
         box(x0, y0, x1, y0 + thickness),
         box(x0, y1 - thickness, x1, y1),

@@ -25,7 +25,7 @@ class _Model(BaseModel):
 
 
 class SolidPart(_Model):
-    """A solid: a box by its centre and sides, or what has a start, an end and a radius.
+    """A solid: a box by its centre and sides, or a solid with a start, an end and a radius.
 
     Attributes:
         kind: ``box``, ``cylinder`` or ``capsule`` (a sphere, where start and end are one).

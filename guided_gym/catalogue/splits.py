@@ -78,7 +78,7 @@ def problem_seed(split: str | Split, index: int) -> int:
 
 @runtime_checkable
 class HasParts(Protocol):
-    """A distribution that says itself which of its problems are for training, validation and test."""
+    """A distribution that decides by itself which of its problems are for training, validation and test."""
 
     def part(self, split: str) -> ProblemDistribution:
         """Its problems for one purpose."""
@@ -113,7 +113,7 @@ class SplitProblems(ProblemList):
         return self.distribution.problem(self.split.seed(index))
 
     def part(self, split: str) -> ProblemDistribution:
-        """These problems, if that is the split; there are no others among them.
+        """These problems, if that is the split; they hold no others.
 
         Raises:
             InvalidInputError: Another split.

@@ -164,7 +164,7 @@ def register_distribution(
     if not replace and taken is not None and not same_place(taken, factory):
         raise InvalidInputError(
             f"environment {name!r}: expected a name that is free, got one that is taken; "
-            "replace=True takes its place"
+            "replace=True replaces it"
         )
     _CATALOGUE[name] = factory
     named_distribution.cache_clear()

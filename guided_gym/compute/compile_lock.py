@@ -1,4 +1,4 @@
-"""One process compiles a kernel while others wait for it, and then load what it has kept."""
+"""One process compiles a kernel while the others wait, and then load what it has kept."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Where numba keeps what it has compiled; a folder for this run where it finds none that can be written."""
+"""Where numba keeps what it has compiled; a folder for this run alone if it can write to none."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ VARIABLE = "NUMBA_CACHE_DIR"
 
 
 def ensure_kernel_cache() -> None:
-    """See to it that the kernels can be compiled: numba refuses to where it finds no folder for its cache.
+    """Make sure that the kernels can be compiled: numba refuses to if it finds no folder for its cache.
 
     That is so where the package was installed read-only and the user has no home to write to. A temporary
     folder serves then, private to this process and those that it starts, and gone when it ends.
@@ -44,8 +44,7 @@ def _temporary_folder() -> str:
         folder = tempfile.mkdtemp(prefix="guided-gym-kernels-")
     except OSError as error:
         raise StorageError(
-            f"expected a folder for compiled kernels that can be written, found none ({error}); "
-            f"set {VARIABLE} to one"
+            f"expected a writable folder for compiled kernels, found none ({error}); set {VARIABLE} to one"
         ) from error
     atexit.register(_remove, folder, os.getpid())
     return folder

@@ -66,7 +66,7 @@ class OnRay:
 
     @property
     def alone(self) -> bool:
-        """Never: other processes do the work."""
+        """False: other processes do the work."""
         return False
 
     @contextlib.contextmanager
@@ -192,8 +192,8 @@ class _RayMapper:
             raise (cause if isinstance(cause, Exception) else error) from None
         except errors.RayError as error:
             raise GuidedGymError(
-                f"expected the cluster's workers to live, but one was lost {_RETRIES + 1} times at the same "
-                f"task ({str(error).strip().splitlines()[0]}); what was finished is kept"
+                f"expected the cluster's workers to survive, but one was lost {_RETRIES + 1} times at the "
+                f"same task ({str(error).strip().splitlines()[0]}); what was finished is kept"
             ) from error
 
 

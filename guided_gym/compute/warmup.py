@@ -1,4 +1,4 @@
-"""Kernels that compile for the first time on a machine: a word to who waits, and clocks that stand still.
+"""Kernels that compile for the first time on a machine: a notice for who waits, and clocks that leave it out.
 
 What a search takes is not what the first one in a process took: by `wall_seconds` and `processor_seconds`,
 kernels are compiled, or loaded, in no time.

@@ -1,4 +1,4 @@
-"""Who does independent tasks: processes here, or another executor; results as they come, clean stops."""
+"""Executors of independent tasks: processes here, or others; results as they come, and clean stops."""
 
 from __future__ import annotations
 
@@ -43,14 +43,14 @@ class MapTasks(Protocol):
 
 
 class Executor(Protocol):
-    """Who does independent tasks. What comes of them is the same whoever does them."""
+    """An executor of independent tasks. Their results are the same, whoever does them."""
 
     @property
     def alone(self) -> bool:
-        """Whether this process does them itself, one after the other."""
+        """Whether this process does the tasks itself, one after the other."""
 
     def pool(self, prepare: Callable[[], None] | None) -> contextlib.AbstractContextManager[MapTasks]:
-        """What maps functions over tasks, as long as the context lasts; see `worker_pool`."""
+        """A function that maps functions over tasks, as long as the context lasts; see `worker_pool`."""
 
 
 Workers = int | Executor
@@ -91,7 +91,7 @@ def map_tasks(
 def worker_pool(
     workers: Workers, prepare: Callable[[], None] | None = None
 ) -> contextlib.AbstractContextManager[MapTasks]:
-    """Workers for as long as the context lasts; it gives what maps functions over tasks.
+    """Workers for as long as the context lasts; it gives a function that maps functions over tasks.
 
     Ctrl-C is left to this process. The workers are stopped when the context ends with an error.
 
@@ -153,7 +153,7 @@ def _local_pool(workers: int, prepare: Callable[[], None] | None) -> Iterator[Ma
 def start_workers(
     workers: int, prepare: Callable[[], None] | None = None
 ) -> concurrent.futures.ProcessPoolExecutor:
-    """Worker processes as in `worker_pool`, for whoever hands out tasks and stops them by hand.
+    """Worker processes as in `worker_pool`, for callers that hand out tasks and stop them by hand.
 
     Raises:
         InvalidInputError: workers is not positive, or ``prepare`` is not importable.
@@ -249,7 +249,7 @@ def check_importable(function: Callable[..., object] | None) -> None:
 
 
 def before_workers(hook: Callable[[], None]) -> Callable[[], None]:
-    """Decorator: has a function called before processes start, like to warn once of what each would find."""
+    """Decorator: calls a function before processes start, such as one that warns once for all of them."""
     _before_workers.append(hook)
     return hook
 

@@ -1,1 +1,1 @@
-"""What people look at: scenes, pages and pictures of problems and searches; ``web/`` draws in the browser."""
+"""Scenes, pages and pictures of problems and searches; ``web/`` draws in the browser."""

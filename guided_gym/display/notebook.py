@@ -38,7 +38,7 @@ def facts(title: str, rows: dict[str, object]) -> str:
 
 
 def beside(*parts: str) -> str:
-    """Parts next to each other, as far as there is room."""
+    """Put parts next to each other, as far as there is room."""
     return "<div>" + "".join(f'<div style="{_BESIDE}">{part}</div>' for part in parts) + "</div>"
 
 
@@ -77,7 +77,7 @@ def search_html(search: Search, title: str = "Search in progress") -> str:
 
 
 def result_html(result: SearchResult) -> str:
-    """A search that has ended, with its replay: a frame of its own, which can do nothing to the notebook."""
+    """A search that has ended, with its replay in a frame of its own, which cannot touch the notebook."""
     lines = lines_again(result)
     if lines is None:
         return _still(result)

@@ -1,4 +1,4 @@
-"""Pages that stand alone: our scripts and styles and all data in one HTML file, without network."""
+"""Pages that stand alone: one HTML file holds our scripts, our styles and all data, and needs no network."""
 
 from __future__ import annotations
 

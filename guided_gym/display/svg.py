@@ -118,7 +118,7 @@ class Picture:
         self.segments(ends[~alive], _PATH, 0.5, 0.4)
 
     def field(self, values: Floats, bounds: list[float]) -> None:
-        """H over the workspace, the stronger the less; row by row from below."""
+        """The field h over the workspace, the stronger the smaller; row by row from below."""
         finite = np.isfinite(values)
         shade = np.zeros(values.shape)
         if finite.any():

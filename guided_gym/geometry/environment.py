@@ -126,12 +126,12 @@ class Environment:
 
     @cached_property
     def width(self) -> float:
-        """Twice the area of the free space by the length of its boundary: the width of a corridor."""
+        """Twice the area of the free space over the length of its boundary: a corridor's width."""
         free = self.free_space
         return 2.0 * free.area / free.length if free.length > 0 else self.extent
 
     def magnitudes(self) -> tuple[float, float]:
-        """The largest coordinates: of those that the kernels have, and of the caller's bounds."""
+        """The largest coordinate of the kernels' arrays, and that of the caller's bounds."""
         corners = np.concatenate((self.cover.vertices, np.reshape(self.bounds, (2, 2))))
         local = float(np.abs(corners - local_origin(self.bounds)).max())
         return local, max(map(abs, self.bounds))
@@ -157,7 +157,7 @@ class Environment:
         return Environment(self.bounds, tuple(o.envelope for o in self.obstacles))
 
     def shrunk(self, margin: float) -> Environment:
-        """Obstacles that are smaller by a margin (length) all around; those that are too thin are gone.
+        """The environment with obstacles that are smaller by a margin (length) all around; thin ones vanish.
 
         Raises:
             InvalidInputError: The margin is no finite number.

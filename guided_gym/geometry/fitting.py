@@ -1,4 +1,4 @@
-"""Capsules around shapes: what stands for the collision geometry of a link."""
+"""Capsules around shapes: they stand for the collision geometry of a link."""
 
 from __future__ import annotations
 
@@ -62,7 +62,7 @@ def _along(points: FloatArray, axis: FloatArray) -> tuple[float, FloatArray, Flo
 
 
 def capsules_around(triangles: FloatArray, parts: int) -> list[Capsule]:
-    """Capsules that hold all triangles (n, 3, 3) of a surface: so many at most, each of a part of them.
+    """At most so many capsules that together hold all triangles (n, 3, 3) of a surface.
 
     The part whose capsule is the largest is cut in two, across its longest direction, as often as it takes.
     """

@@ -116,7 +116,7 @@ class Linkage(Mechanism):
         n = len(self.joints)
         if not n or not self.bodies:
             raise InvalidInputError(
-                f"a linkage needs a joint and a body, got {n} and {len(self.bodies)} of them"
+                f"a linkage needs at least one joint and one body, got {n} and {len(self.bodies)}"
             )
         for k, joint in enumerate(self.joints):
             if joint.parent >= k:
@@ -208,7 +208,7 @@ class Linkage(Mechanism):
 
     @property
     def dimension(self) -> int:
-        """Two for a base that moves, and one a joint."""
+        """Number of coordinates: two for a base that moves, and one for each joint."""
         return len(self.joints) + 2 * self.mobile
 
     @cached_property
@@ -245,7 +245,7 @@ class Linkage(Mechanism):
 
     @property
     def straight(self) -> bool:
-        """Whether the position is that of a base that moves."""
+        """Whether the position moves on a straight line: it does if it is that of a moving base."""
         root = self.joints[0]
         return self.mobile and self.tool == (0, (0.0, 0.0)) and (root.offset, root.parent) == ((0.0, 0.0), -1)
 

@@ -1,4 +1,4 @@
-"""What every robot says of itself, rigid or jointed: its coordinates, where it is, and its packed form."""
+"""What every robot offers, rigid or jointed: its coordinates, its place, and its packed form."""
 
 from __future__ import annotations
 
@@ -55,7 +55,7 @@ class Mechanism(ABC):
     @property
     @abstractmethod
     def names(self) -> tuple[str, ...]:
-        """What each coordinate is called: positions x and y, all others angles."""
+        """Names of the coordinates: x and y are positions, all others are angles."""
 
     @property
     @abstractmethod
@@ -118,7 +118,7 @@ class Mechanism(ABC):
     @property
     @abstractmethod
     def description(self) -> str:
-        """All that decides where the robot's bodies are, as text; the same in every process."""
+        """Everything that decides where the robot's bodies are, as text; the same in every process."""
 
     @abstractmethod
     def packed(self, environment: Environment, tolerance: float) -> Geometry:

@@ -170,7 +170,7 @@ def cell_obstacles(
 def covered_cells(
     shape: shapely.Geometry, bounds: tuple[float, float, float, float], resolution: float
 ) -> BoolArray:
-    """Which cells of a raster a shape reaches into, or stick out of the bounds: (rows, columns), from below.
+    """Cells of a raster that a shape reaches into, or that leave the bounds: (rows, columns), from below.
 
     So what is free in the raster is free in the workspace. Of a union of cells of this raster, just those.
 
@@ -218,7 +218,7 @@ def _joined(pieces: list[FloatArray]) -> Pieces:
 
 
 def cell_polygons(occupied: BoolArray) -> list[shapely.Polygon]:
-    """The union of the occupied cells as polygons with holes, one for each part that hangs together by edges.
+    """The union of the occupied cells as polygons with holes, one for each part that is connected by edges.
 
     Exact: each vertex is a corner of cells, and none lies on a straight edge. Parts that meet in a point
     only are polygons that touch there.

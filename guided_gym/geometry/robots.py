@@ -166,7 +166,7 @@ class Robot(Mechanism):
 
 
 def rigid(robot: Mechanism, who: str) -> Robot:
-    """A rigid planar robot, for those who know no others.
+    """The robot, if it is rigid and planar: for callers that know no others.
 
     Args:
         robot: Any robot.

@@ -87,7 +87,7 @@ class Solid:
         raise NotImplementedError
 
     def shrunk(self, margin: float) -> Solid | None:
-        """The solid that is as much smaller all around, or a smaller one; None where nothing is left."""
+        """The solid, smaller by that margin all around, or a smaller solid; None if nothing is left."""
         raise NotImplementedError
 
     @property
@@ -210,7 +210,7 @@ class _Round(Solid):
 @doors
 @dataclass(frozen=True)
 class Capsule(_Round):
-    """All that is within a radius of a segment: a sphere, where the segment is a point."""
+    """All points within a radius of a segment; a sphere if the segment is a point."""
 
     kind = BOX
 
@@ -374,7 +374,7 @@ class SpatialEnvironment(Environment):
 
     @cached_property
     def width(self) -> float:
-        """Twice the volume of the free space by its surface: the width of a gap between two plates."""
+        """Twice the volume of the free space over its surface: the width of a gap between two plates."""
         x, y, z = np.subtract(self.room[3:], self.room[:3]).tolist()
         sizes = np.array([solid.size for solid in self.solids]).reshape(-1, 2)
         volume = x * y * z - float(sizes[:, 0].sum())
@@ -399,7 +399,7 @@ class SpatialEnvironment(Environment):
         return SpatialEnvironment(self.room, [Box.between(*solid.box()) for solid in self.solids])
 
     def shrunk(self, margin: float) -> SpatialEnvironment:
-        """Solids that are smaller by a margin all around; those that are too thin are gone."""
+        """The environment with solids that are smaller by a margin all around; thin ones vanish."""
         smaller = (solid.shrunk(margin) for solid in self.solids)
         return SpatialEnvironment(self.room, [solid for solid in smaller if solid is not None])
 

@@ -251,7 +251,7 @@ class ConfigurationSpace:
         return digest.hexdigest()
 
     def configuration(self, q: Configurations) -> FloatArray:
-        """One configuration (d,) as the kernels want it: a writable C array, for others would recompile them.
+        """One configuration (d,) for the kernels: a writable C array, since others would recompile them.
 
         Raises:
             InvalidInputError: It has another shape.
@@ -268,7 +268,7 @@ class ConfigurationSpace:
         return q
 
     def batch(self, q: Configurations) -> FloatArray:
-        """Configurations (n, d) as the kernels want them.
+        """Configurations (n, d) for the kernels.
 
         Raises:
             InvalidInputError: They have another shape.

@@ -184,7 +184,8 @@ class SpatialArm(Mechanism):
         n = len(self.joints)
         if not n or not any(instance("a body", body, SpatialBody).joint >= 0 for body in self.bodies):
             raise InvalidInputError(
-                f"an arm in space needs a joint and a body on it: got {n} and {len(self.bodies)} of them"
+                f"an arm in space needs at least one joint with a body on it, got {n} joints and "
+                f"{len(self.bodies)} bodies"
             )
         for body in self.bodies:
             if body.joint >= n:
@@ -232,8 +233,8 @@ class SpatialArm(Mechanism):
                 low[k], high[k] = max(low[k], -math.pi), min(high[k], math.pi)
         for k in np.flatnonzero(~(low < high)):
             raise InvalidInputError(
-                f"joint {self.names[k]!r}: expected limits that leave it room, those of the joints that "
-                f"follow it included, got {low[k]:g} to {high[k]:g}"
+                f"joint {self.names[k]!r}: expected limits that leave it room, together with those of "
+                f"the joints that follow it, got {low[k]:g} to {high[k]:g}"
             )
         free = np.isinf(low) & np.isinf(high)
         return (
@@ -244,7 +245,7 @@ class SpatialArm(Mechanism):
 
     @property
     def dimension(self) -> int:
-        """One for each joint that follows none."""
+        """Number of coordinates: one for each joint that follows no other."""
         return sum(joint.follows is None for joint in self.joints)
 
     @property
@@ -511,7 +512,7 @@ def point_in_space(environment: Environment) -> SpatialArm:
 
 
 def in_space(environment: Environment) -> SpatialEnvironment:
-    """An environment in space, for robots that know no other.
+    """The environment, if it is one in space: for robots that know no others.
 
     Raises:
         InvalidInputError: It is a planar one.

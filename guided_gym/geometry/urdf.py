@@ -194,7 +194,7 @@ def _check_document(path: Path, content: bytes, *, urdf: bool = True) -> None:
 def _check_size(what: str, text: str | None) -> None:
     """Positive numbers, three of them for a box."""
     if text is None:
-        raise InvalidInputError(f"{what}: expected it, got none")
+        raise InvalidInputError(f"{what}: expected a value, got none")
     words = text.replace(",", " ").split()
     count = 3 if what.endswith("size") else 1
     try:
@@ -427,7 +427,9 @@ class _Shapes:
         for collision in link.collisions:
             origin = np.eye(4) if collision.origin is None else collision.origin
             if collision.geometry is None:
-                raise InvalidInputError(f"{self.path}: link {link.name!r}: a collision without geometry")
+                raise InvalidInputError(
+                    f"{self.path}: link {link.name!r}: expected a collision with geometry, got none"
+                )
             shapes = self._around(link.name, collision.geometry)
             found += [one.moved(origin[:3, :3], origin[:3, 3]) for one in shapes]
         return found
@@ -498,5 +500,5 @@ def _relaxed(arm: SpatialArm) -> SpatialArm:
     if not left:
         return arm
     said = ", ".join(f"{one} and {two}" for one, two in left)
-    warn(f"{arm.name}: not held against each other, since they mostly touch: {said}")
+    warn(f"{arm.name}: not checked against each other, since they touch in most configurations: {said}")
     return replace(arm, ignored=frozenset(p for p, two in zip(arm.pairs, links, strict=True) if two in left))

@@ -85,7 +85,7 @@ class GuidingSpace(ABC):
         """Learn from an expansion; called after the tree has changed. Nothing by default."""
 
     def burst(self, limit: int) -> NDArray[np.int32] | None:
-        """Optionally, run many samples in one go: the same as so many selections, proposals and expansions.
+        """Run many samples in one go, if it can: the same as so many selections, proposals and expansions.
 
         Args:
             limit: Most samples to take.
@@ -97,11 +97,11 @@ class GuidingSpace(ABC):
         return None
 
     def forget(self) -> None:
-        """Have h of all nodes computed anew: call it when the projection or the heuristic has changed."""
+        """Compute h of all nodes anew. Call it when the projection or the heuristic has changed."""
         self._values = NodeValues(self.expansion_penalty * self.planner.step)
 
     def evaluate(self, tree: SearchTree, first: int, last: int) -> NDArray[np.float64]:
-        """(last - first,) h of the nodes that have come since; called once for each."""
+        """(last - first,) h of the new nodes; called once for each."""
         return self._h(tree, tree.nodes.configurations[first:last])
 
     def values(self, tree: SearchTree) -> NDArray[np.float64]:

@@ -143,7 +143,7 @@ class Composed(GuidingSpace):
             return None
         if not getattr(self.solver, "doubts", False):
             raise InvalidInputError(
-                "environment: expected a solver that asks what is believed of motions, such as roadmap; got "
+                "environment: expected a solver that asks about motions, such as roadmap, got "
                 f"{type(self.solver).__name__}"
             )
         doubts: Doubts = believe(self.robot.space(self.space, self.space.environment, self.search.start))
@@ -201,14 +201,14 @@ class Composed(GuidingSpace):
         return total
 
     def least(self, tree: SearchTree) -> tuple[int, float]:
-        """The node of least h and its h; worked out once per sample, however many ask."""
+        """The node of least h, and its h; computed once per sample, however often it is asked for."""
         stage = len(tree), tree.failure_count, tree.rewirings
         if self._least is None or self._least[0] != stage:
             self._least = stage, super().least(tree)
         return self._least[1]
 
     def select(self, tree: SearchTree) -> int:
-        """Argmin h, or the fallback's choice while no node has a way."""
+        """The node of least h, or the fallback's choice while no node has a way."""
         if self._seek and (getattr(self.solver, "hopeless", False) or not math.isfinite(self.least(tree)[1])):
             self._seek_proof()
         if self.fallback is not None and not math.isfinite(self.least(tree)[1]):
@@ -295,6 +295,6 @@ class Composed(GuidingSpace):
         return valid
 
     def drawing(self, values: bool = True) -> dict[str, Any]:
-        """What a figure shows of the solver, if anything: a graph, with h as ``values``, or a field of h."""
+        """What a figure shows of the solver: a graph with h as ``values``, a field of h, or nothing."""
         draw = getattr(self.solver, "drawing", None)
         return draw(values) if draw is not None else {}

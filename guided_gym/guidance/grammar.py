@@ -72,7 +72,7 @@ class Call:
 
     @property
     def bare(self) -> bool:
-        """Whether it is a name and nothing else."""
+        """Whether the call is a name and nothing else."""
         return not (self.arguments or self.options)
 
     def __str__(self) -> str:
@@ -154,7 +154,7 @@ def split(what: str, text: str) -> list[str]:
 
 
 def shown(text: str, at: int = 0) -> str:
-    """A text as a message shows it: in one line, and of a long one the part around a character."""
+    """A text as a message shows it: in one line; of a long text, the part around a character."""
     first = max(0, min(at - _SHOWN // 2, len(text) - _SHOWN))
     part = text[first : first + _SHOWN]
     return repr(("…" if first else "") + part + ("…" if first + _SHOWN < len(text) else ""))
@@ -229,7 +229,7 @@ class _Parser:
         return depth + 1
 
     def arguments(self, arguments: list[Any], options: list[Option], depth: int) -> None:
-        """What is between brackets, the closing one included."""
+        """What is between brackets, including the closing one."""
         while not self.take(")"):
             option = self.option()
             value = self.value(depth, path=option is not None)
@@ -262,7 +262,7 @@ class _Parser:
         return None
 
     def name(self) -> str:
-        """A word; of ``learned:``, and of others in quotes behind a colon, with what follows it."""
+        """A word; after ``learned:`` and the like, with the name or the quoted text that follows."""
         begun = self.at
         word = _WORD.match(self.text, self.at)
         if word is None:
@@ -323,7 +323,7 @@ class _Parser:
         return self.expression(depth) if joined else self.call(depth, suffixes=False)
 
     def items(self, depth: int) -> tuple[Any, ...]:
-        """What is between square brackets, the closing one included."""
+        """What is between square brackets, including the closing one."""
         items: list[Any] = []
         while not self.take("]"):
             items.append(self.value(depth))

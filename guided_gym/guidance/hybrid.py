@@ -1,4 +1,4 @@
-"""Multi-guidance search: guiding spaces that know nothing of each other, combined (paper, Section 7.1)."""
+"""Multi-guidance search: it combines guiding spaces that know nothing of each other (paper, Section 7.1)."""
 
 from __future__ import annotations
 
@@ -45,7 +45,7 @@ class Hybrid(GuidingSpace):
         for guide in self.guides:
             if not isinstance(guide, GuidingSpace):
                 raise InvalidInputError(
-                    "guides: expected guiding spaces (`make_guidance` makes them of names), "
+                    "guides: expected guiding spaces (`make_guidance` makes them from names), "
                     f"got {shown(guide)}"
                 )
         if len({id(guide) for guide in self.guides}) != len(self.guides):
@@ -101,7 +101,7 @@ class Hybrid(GuidingSpace):
         return self.current, self.guide.project(tree, q)
 
     def heuristic(self, states: tuple[int, Any]) -> Floats:  # type: ignore[override]
-        """H of the guiding space that the states belong to, or the weighted sum of all."""
+        """The heuristic of the guiding space that the states belong to, or the weighted sum of all."""
         index, inner = states
         if index >= 0:
             return self.guides[index].heuristic(inner)

@@ -70,7 +70,7 @@ class EnvironmentModification(Protocol):
         """E' at the beginning of a search."""
 
     def revised(self, space: ConfigurationSpace, contact: Floats) -> Environment | None:
-        """Another E' after a failure at a configuration of C; None where it stays what it is."""
+        """Another E' after a failure at a configuration of C; None if E' stays as it is."""
 
 
 # Robots -----------------------------------------------------------------------------------------------------
@@ -91,7 +91,7 @@ class SameRobot:
 
 
 class Point:
-    """r' is the robot's reference point, or an arm's tool, as if nothing else could hit (paper, Figure 1 d).
+    """r' is the robot's reference point, or an arm's tool; the rest does not collide (paper, Figure 1 d).
 
     Optimistic where that point is part of the robot; one in a notch of it may be inside an obstacle.
     """
@@ -149,14 +149,14 @@ class Body:
 
 
 class Inner(Body):
-    """r' has thin bodies, the middle line of each: optimistic, where the robot goes, it goes."""
+    """r' has thin bodies, the middle line of each. It is optimistic: it can go wherever the robot can."""
 
     def __init__(self) -> None:
         super().__init__(_middle_line)
 
 
 class Outer(Body):
-    """r' has larger bodies: conservative, where it goes, the robot goes.
+    """r' has larger bodies. It is conservative: the robot can go wherever it can.
 
     Args:
         margin: By how much they are larger than the convex hulls of the robot's (length).
@@ -168,7 +168,7 @@ class Outer(Body):
 
 
 class Links:
-    """r' is the first links of an arm, or snake, as if the others could not hit: optimistic.
+    """r' is the first links of an arm or snake, as if the others could not collide. It is optimistic.
 
     The links behind are the easier to move the farther behind they are; what is hard is decided by the first
     ones. In contrast to ``subset``, the others are not frozen but gone.
@@ -459,7 +459,7 @@ class Shrunk(SameEnvironment):
         return environment.shrunk(self._margin)
 
     def revised(self, space: ConfigurationSpace, contact: Floats) -> Environment | None:
-        """Obstacles half as much smaller, each so many failures."""
+        """Shrink the obstacles half as much, after each so many failures."""
         self._failures += 1
         if self.patience == 0 or self._failures % self.patience or self._failures > 8 * self.patience:
             return None
@@ -506,7 +506,7 @@ class Revealed(SameEnvironment):
 
 
 class Predicted(Nothing):
-    """E' is empty, and what is in the way is believed: p(free) of each motion, learned, from the workspace.
+    """E' is empty, and a learned p(free) of each motion, from the workspace, tells what is in the way.
 
     A motion of probability p counts as long as it would be tried: ``effort`` times its length for each time
     that it is expected to fail, (1 - p) / p.
@@ -550,7 +550,7 @@ class _Expected:
         return self._belief.looks
 
     def factors(self, starts: Floats, ends: Floats) -> Floats:
-        """(n,) expected tries of each motion, weighed; infinite for those that are not believed in."""
+        """(n,) expected number of tries of each motion, weighted; infinite if it is held not to be free."""
         p = self._belief.motions(starts, ends, self._least)
         with np.errstate(divide="ignore"):
             return np.where(p >= self._least, 1.0 + self._effort * (1.0 / p - 1.0), np.inf)

@@ -1,4 +1,4 @@
-"""Proofs that no path exists in C, by optimistic guiding spaces whose every path is accounted for.
+"""Proofs that no path exists in C, by optimistic guiding spaces in which every path is accounted for.
 
 Where a path exists in C, one exists in every guiding space that only leaves constraints out (paper, Robot and
 Environment Modification). So if such a space, solved completely, has none, C has none. Two are tried:
@@ -42,7 +42,7 @@ _BYTES: Final = 40  # of a pose, while its cells are labelled
 
 
 def parted_workspace(space: ConfigurationSpace, task: Task) -> str | None:
-    """Why no path joins start and goal, from a disc in the workspace; None where that proves nothing."""
+    """Why no path joins start and goal, by a disc in the workspace; None if that proves nothing."""
     box = shapely.box(*space.environment.bounds)
     for start, goal, radius, nearness in _discs(space, task):
         wide = _SURE * radius + 0.5 * space.tolerance
@@ -90,7 +90,7 @@ def largest_disc(outline: shapely.Geometry) -> tuple[float, float, float]:
 
 
 def parted_cells(space: ConfigurationSpace, task: Task) -> str | None:
-    """Why no path joins start and goal, from cells of poses; None where that proves nothing."""
+    """Why no path joins start and goal, by cells of poses; None if that proves nothing."""
     robot = space.robot
     turns = _HEADINGS if space.dimension == 3 else 1
     if not isinstance(robot, Robot) or not is_affordable(_CELLS**2 * turns * _BYTES):

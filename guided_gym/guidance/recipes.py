@@ -1,4 +1,4 @@
-"""Guiding spaces as compositions: one line each, under the names that the field knows them by.
+"""Guiding spaces as compositions: one line each, under the names that are common in the field.
 
 Each row of `SOLVERS` makes a guiding space on any modified problem, as in ``roadmap(robot=disc)``. Each row
 of `RECIPES` is one of them with defaults of its own, as in ``lazy_prm``. Both take the options of the solver,

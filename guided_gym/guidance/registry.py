@@ -103,7 +103,7 @@ register_kind("rule", Table("rule", RULES))
 
 @door
 def register_guidance(maker: M, name: str | None = None, *, replace: bool = False) -> M:
-    """Makes a guiding space known by a name, everywhere a name is taken; a decorator of a class or function.
+    """Register a guiding space under a name, for all of the package; also a decorator of a class or function.
 
     Args:
         maker: A subclass of `GuidingSpace`, or a *recipe*: a function with keyword options that returns a
@@ -127,7 +127,7 @@ def register_guidance(maker: M, name: str | None = None, *, replace: bool = Fals
 
 @door
 def register_solver(maker: M, name: str, *, replace: bool = False) -> M:
-    """Makes a solver known: ``name(robot=..., environment=...)`` is a guiding space from then on.
+    """Register a solver: ``name(robot=..., environment=...)`` is a guiding space from then on.
 
     Args:
         maker: A class with the methods of `CostToGo`, or a function that makes one. Its keyword options are
@@ -146,7 +146,7 @@ def register_solver(maker: M, name: str, *, replace: bool = False) -> M:
 
 @door
 def register_robot(maker: M, name: str, *, replace: bool = False) -> M:
-    """Makes a robot modification known: a word for ``robot=...``.
+    """Register a robot modification: a word for ``robot=...``.
 
     Args:
         maker: A class with the methods of `RobotModification`, or a function that makes one.
@@ -162,7 +162,7 @@ def register_robot(maker: M, name: str, *, replace: bool = False) -> M:
 
 @door
 def register_environment(maker: M, name: str, *, replace: bool = False) -> M:
-    """Makes an environment modification known: a word for ``environment=...``.
+    """Register an environment modification: a word for ``environment=...``.
 
     Args:
         maker: A class with the methods of `EnvironmentModification`, or a function that makes one.
@@ -257,7 +257,7 @@ def is_planner(call: Call) -> bool:
 def make_searcher(
     searcher: GuidingSpace | WatchedPlanner | Call | str, /, **options: Any
 ) -> GuidingSpace | WatchedPlanner:
-    """Whoever can search: a guiding space as of `make_guidance`, or a planner such as ``"ompl:RRT"``.
+    """A guiding space as `make_guidance` makes it, or a planner such as ``"ompl:RRT"``.
 
     Raises:
         UnknownNameError: No such guiding space, planner or option; the nearest one is suggested.
@@ -278,7 +278,7 @@ def make_searcher(
 
 @door
 def make_guides(guides: object) -> list[GuidingSpace]:
-    """Guiding spaces of a sequence of names, or of guiding spaces, as hybrids take them.
+    """Guiding spaces for a hybrid, from a sequence of names or guiding spaces.
 
     Raises:
         UnknownNameError: No guiding space has one of the names.
@@ -303,7 +303,7 @@ def make_expander(expansion: GuidingSpace | str) -> GuidingSpace | None:
 
 
 def check_name(kind: str, text: str, known: list[str]) -> None:
-    """Refuse an expression that is nothing but an unknown name, with what else it could have been.
+    """Refuse an expression that is an unknown name and nothing else, and suggest others.
 
     Raises:
         UnknownNameError: It is one; the nearest of ``known`` is suggested.

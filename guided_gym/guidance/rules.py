@@ -28,7 +28,7 @@ class Rule(Protocol):
     """
 
     def begin(self, guides: Sequence[GuidingSpace], search: Search) -> None:
-        """Take hold of a new search and of its guiding spaces, all prepared."""
+        """Begin a new search with its guiding spaces, all prepared."""
 
     def weights(self) -> Weights:
         """(k,) weights >= 0 of the guiding spaces for the next sample, not all 0; asked once a sample."""
@@ -38,7 +38,7 @@ class Rule(Protocol):
 
 
 class Taking:
-    """A rule by which the guiding spaces take turns: one of them guides each sample. A subclass says who."""
+    """A rule by which the guiding spaces take turns: one of them guides each sample. Subclasses say which."""
 
     joint = False
 
@@ -85,7 +85,7 @@ class Swap(Taking):
 
 
 class RoundRobin(Taking):
-    """Each guides one sample, in turn."""
+    """Each guiding space guides one sample, in turn."""
 
     def learn(self, guide: int, expansion: Expansion) -> None:
         """Pass on."""
@@ -127,7 +127,7 @@ class MultiHeuristic(Taking):
 
 
 class Bandit(Taking):
-    """The guiding space that has made progress of late guides: discounted UCB (Garivier and Moulines, 2011).
+    """The guiding space guides that has made progress lately: discounted UCB (Garivier and Moulines, 2011).
 
     A sample is worth 1 if its expansion succeeded and brought the least h of who guided it down, else 0.
 
@@ -177,7 +177,7 @@ class Mixture:
         self._given = weights
 
     def begin(self, guides: Sequence[GuidingSpace], search: Search) -> None:
-        """Take note of how many there are.
+        """Note the number of guiding spaces.
 
         Raises:
             InvalidInputError: Another number of weights.

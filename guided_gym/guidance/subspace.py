@@ -52,7 +52,7 @@ class Subspace(ConfigurationSpace):
 
     @property
     def robot(self) -> Mechanism:  # type: ignore[override]
-        """None, nor a geometry for kernels: who asks would take a state for the pose of a body.
+        """None, and no geometry for kernels: callers would take a state for the pose of a body.
 
         Raises:
             InvalidInputError: Always.

@@ -69,7 +69,7 @@ class Table:
             origin = f"{taken.__module__}.{getattr(taken, '__qualname__', taken)}"
             raise InvalidInputError(
                 f"{self.kind} {name!r}: expected a name that is free, got that of {origin}; "
-                "replace=True takes its place"
+                "replace=True replaces it"
             )
         self.rows[name] = maker
         return maker
@@ -85,7 +85,7 @@ class Table:
         return self.rows[name]
 
     def summary(self, name: str) -> str:
-        """The first line of what its docstring says."""
+        """The first line of its docstring."""
         return (inspect.getdoc(self.maker(name)) or "").partition("\n")[0]
 
     def make(self, value: str | Call, /, **options: Any) -> Any:
@@ -145,7 +145,7 @@ _KINDS: Final[dict[str, Table]] = {}
 
 
 def register_kind(option: str, table: Table) -> None:
-    """Have values of an option, wherever it occurs, looked up in a table: names, calls and expressions."""
+    """Look up values of an option in a table wherever it occurs: names, calls and expressions."""
     _KINDS[option] = table
 
 
@@ -155,7 +155,7 @@ def kinds() -> Mapping[str, Table]:
 
 
 def expanded(value: Any, reads: bool = False) -> Any:
-    """A value with all texts that are expressions read; what a hybrid is given by name comes as arguments.
+    """A value in which all texts that are expressions have been read; a hybrid's guides come as arguments.
 
     Args:
         value: A call, a tuple of values, or a plain value.

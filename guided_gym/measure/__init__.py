@@ -1,1 +1,1 @@
-"""What knows the truth: the oracle and the metric. No guiding space but the exact one may import it."""
+"""The truth: the oracle and the metric. Only the exact guiding space may import it."""

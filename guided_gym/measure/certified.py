@@ -1,4 +1,4 @@
-"""Certified paths down the oracle's field: what is free can't be longer than d_C, whatever the grid says."""
+"""Certified paths down the oracle's field: d_C is no longer than a free path, whatever the grid says."""
 
 from __future__ import annotations
 

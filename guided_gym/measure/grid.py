@@ -109,7 +109,7 @@ class GridSolution:
         return float(cost)
 
     def costs(self, qs: FloatArray) -> FloatArray:
-        """(n,) likewise of configurations (n, d)."""
+        """(n,) distances to the goal of configurations (n, d)."""
         costs = cost_to_go_many(qs, self.state)
         missing = np.isinf(costs)
         if missing.any():
@@ -161,7 +161,7 @@ class GridSolution:
     def restored(
         cls, space: ConfigurationSpace, goal: FloatArray, options: OracleOptions, kept: Kept
     ) -> GridSolution:
-        """A solution from what `kept` gave of it.
+        """A solution from what `kept` returned.
 
         Raises:
             StorageError: It is from another version of the solver, or does not fit the space.
@@ -323,7 +323,7 @@ class _Grid:
 
     @property
     def layout(self) -> tuple[int, int]:
-        """Vertices in a column, and angles."""
+        """Number of vertices in a column, and of angles."""
         nt = int(self.frame[grid.COUNT_THETA])
         return (int(self.frame[grid.COUNT_Y]) + 2 * PAD) * nt, nt
 
@@ -406,7 +406,7 @@ def _attached(
 def grid_joins(
     space: ConfigurationSpace, start: FloatArray, goal: FloatArray, resolution: tuple[int, ...]
 ) -> bool:
-    """Whether a plain grid joins two free poses: nothing but its certified links is looked at, no wave runs.
+    """Whether a plain grid joins two free poses: looks only at its certified links, and runs no wave.
 
     Distributions that keep only problems with a path decide by it, so that their problems stay the same
     whatever becomes of the oracle.

@@ -97,7 +97,7 @@ class Oracle:
         return f"Oracle({self.space!r}, goal={self.goal.tolist()}, resolution={self.resolution})"
 
     def kept(self) -> Kept:
-        """What a file keeps of it, for `restored`."""
+        """What a file keeps of the oracle, for `restored`."""
         return self._solution.kept()
 
     @classmethod

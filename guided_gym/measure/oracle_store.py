@@ -43,7 +43,7 @@ class FieldStore(CacheFolder):
     def save(
         self, key: str, field: FieldArray, links: LinkArray, error: tuple[float, float] = (math.nan, math.nan)
     ) -> None:
-        """Store a field, its links and its error (mean, tail) under a key; failing to is no error."""
+        """Store a field, its links and its error (mean, tail) under a key; a failure to do so is no error."""
         body = field.astype("<f4").tobytes() + links.tobytes()
         self._store(key, _MAGIC, field.size, body, error)
 
@@ -67,7 +67,7 @@ class FieldStore(CacheFolder):
         return numbers[: n * d].reshape(n, d), edges.reshape(m, 2), numbers[n * d :]
 
     def save_arrays(self, key: str, points: FloatArray, edges: EdgeArray, lengths: FloatArray) -> None:
-        """Store a roadmap under a key; failing to is no error."""
+        """Store a roadmap under a key; a failure to do so is no error."""
         shape = _SHAPE.pack(*points.shape, len(edges))
         parts = points.astype("<f8").tobytes(), lengths.astype("<f8").tobytes(), edges.astype("<i4").tobytes()
         body = b"".join((shape, *parts))

@@ -32,7 +32,7 @@ _SEED: Final = 0
 
 @dataclass(frozen=True, eq=False)
 class Roadmap:
-    """Poses in narrow gaps and the certified motions between them.
+    """Poses in narrow gaps, and the certified motions between them.
 
     Attributes:
         nodes: (n, d) free poses.
@@ -47,7 +47,7 @@ class Roadmap:
     lengths: FloatArray
 
     def spread(self, values: FloatArray) -> FloatArray:
-        """(n,) least of each node's own value and those of others plus the way to them.
+        """(n,) the least, for each node, of its own value and those of others plus the way to them.
 
         Args:
             values: (n,) at least 0; infinite where nothing is known.

@@ -98,7 +98,7 @@ class Roadmap:
 
     @classmethod
     def stored(cls, space: ConfigurationSpace, count: int, cache: bool) -> Roadmap:
-        """The same from the disk, or for it."""
+        """The roadmap from disk, or made anew and then stored."""
         store = FieldStore.default() if cache else FieldStore(None)
         text = f"roadmap {VERSION} {space.fingerprint()} {count}\n"
         key = hashlib.sha256(text.encode()).hexdigest()
@@ -126,7 +126,7 @@ class World:
         return self._roadmaps[count]
 
     def error(self, count: int, fewer: int) -> OracleError:
-        """The error of a roadmap, by how far a smaller one is from it between some poses and goals.
+        """The error of a roadmap: how far a smaller one differs from it between some poses and goals.
 
         What is too long shrinks with the square of the distance between the vertices, a way being longer by
         the square of how far it bends aside: like n^(-2/d).
@@ -169,7 +169,7 @@ class _Own:
 
     @classmethod
     def around(cls, space: ConfigurationSpace, roadmap: Roadmap, poses: list[FloatArray]) -> _Own:
-        """Trees out of the pockets that some configurations, the goal first, are in."""
+        """Trees that lead out of the pockets in which some configurations lie, the goal first."""
         goal, count = -1, len(roadmap.points)
         points: list[FloatArray] = []
         edges, lengths = [], []
@@ -257,7 +257,7 @@ class _Task:
         return costs_by_roadmap(qs, self._roads, self._ways, looks, space.geometry, space.metric)
 
     def escape(self, q: FloatArray) -> float:
-        """Length of a way out of a pocket, and on from there; infinite where none is found."""
+        """Length of a way out of a pocket and on to the goal; infinite if none is found."""
         asked = 1
         for tree in _growing(self.space, q):
             fresh = np.arange(asked, len(tree))[:: max(1, (len(tree) - asked) // _EXITS)]
@@ -365,7 +365,7 @@ class RoadmapSolution:
         self.state = (np.full(1, np.inf, np.float32), np.zeros(1, np.uint8), frame, space.geometry)
 
     def __getstate__(self) -> dict[str, Any]:
-        """Without the roadmaps of the whole space: its own is at hand."""
+        """The state without the roadmaps of the whole space: its own roadmap is enough."""
         return {**self.__dict__, "_world": None}
 
     def __repr__(self) -> str:
@@ -395,7 +395,7 @@ class RoadmapSolution:
     def restored(
         cls, space: ConfigurationSpace, goal: FloatArray, options: OracleOptions, kept: Kept
     ) -> RoadmapSolution:
-        """The same, solved over the space's roadmap.
+        """A solution over the space's roadmap, solved anew.
 
         Raises:
             NoPathError: From another version: no path from the start.
@@ -408,7 +408,7 @@ class RoadmapSolution:
         return float(self.costs(q[None])[0])
 
     def costs(self, qs: FloatArray) -> FloatArray:
-        """(n,) likewise of configurations (n, d)."""
+        """(n,) distances to the goal of configurations (n, d)."""
         known = np.isfinite(qs).all(axis=1)
         costs = np.full(len(qs), np.inf)
         costs[known] = self._task.costs(np.ascontiguousarray(qs[known]))

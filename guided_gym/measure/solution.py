@@ -1,4 +1,4 @@
-"""What an oracle rests on: distances to one goal, solved over a grid or over a roadmap."""
+"""The solution behind an oracle: distances to one goal, over a grid or over a roadmap."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ class OracleError(NamedTuple):
 
 
 class Kept(NamedTuple):
-    """What a file keeps of a solution, so that another process has it without solving.
+    """What a file keeps of a solution, so that other processes need not solve it.
 
     Attributes:
         kind: Which of the ways to solve it is from.
@@ -48,7 +48,7 @@ class Kept(NamedTuple):
 
 
 class Solution(Protocol):
-    """Distances to the goal of one task, as one of the ways to solve for them knows them."""
+    """Distances to the goal of one task, solved over a grid or a roadmap."""
 
     @property
     def resolution(self) -> tuple[int, ...]:
@@ -56,7 +56,7 @@ class Solution(Protocol):
 
     @property
     def state(self) -> OracleState:
-        """What `guided_gym.kernels.cost_query.cost_to_go_one` takes; no grid knows no way from anywhere."""
+        """What `guided_gym.kernels.cost_query.cost_to_go_one` takes; without a grid, no way is known."""
 
     @property
     def error(self) -> OracleError:
@@ -66,7 +66,7 @@ class Solution(Protocol):
         """Distance to the goal of one configuration (d,); infinite where no way is known."""
 
     def costs(self, qs: FloatArray) -> FloatArray:
-        """(n,) likewise of configurations (n, d)."""
+        """(n,) distances to the goal of configurations (n, d)."""
 
     def connects(self, q: FloatArray) -> bool:
         """Whether a valid configuration is joined to the goal without anything finer being tried."""
@@ -117,6 +117,6 @@ def warn_of(error: OracleError, what: str, budget: int) -> None:
         _warned.set()
         warn(
             f"the oracle's estimated error is {error}, {what}: its budget of {budget:,} "
-            "vertices is spent. OracleOptions has a larger budget, or larger errors to ask for; Oracle.error "
-            "says the error of each problem."
+            "vertices is spent. OracleOptions takes a larger budget, or allows a larger error; Oracle.error "
+            "is the error of each problem."
         )

@@ -109,7 +109,7 @@ def smooth(weights: NDArray[np.float64], epsilon: float) -> NDArray[np.float64]:
         raise InvalidInputError(f"weights: expected one weight per node, got shape {weights.shape}")
     largest = float(weights.max())
     if not (np.isfinite(largest) and largest > 0 and (weights >= 0).all()):
-        raise InvalidInputError("weights: expected finite numbers >= 0, not all zero")
+        raise InvalidInputError(f"weights: expected finite numbers >= 0, not all zero, got {shown(weights)}")
     if not 0 <= epsilon < 1:
         raise InvalidInputError(f"epsilon: expected a number in [0, 1), got {shown(epsilon)}")
     n = weights.size
@@ -224,7 +224,7 @@ def padded(values: NDArray[np.float64], length: int) -> NDArray[np.float64]:
 
 
 class Measured(Protocol):
-    """What can be measured: a search in progress, or what came of one."""
+    """What can be measured: a search in progress, or its result."""
 
     @property
     def problem(self) -> Problem:
@@ -236,7 +236,7 @@ class Measured(Protocol):
 
     @property
     def options(self) -> SearchOptions:
-        """Among them, the parameters of the target distribution."""
+        """The options, with the parameters of the target distribution."""
 
 
 @doors
@@ -265,7 +265,7 @@ class Measure:
         self._scale = self.optimum or 1.0  # 0 where the search starts at its goal
 
     def clone(self, search: Measured) -> Measure:
-        """The metric of a clone of the search, as far as it has been worked out."""
+        """The metric of a clone of the search, as far as it has been computed."""
         other = copy.copy(self)
         other._tree = search.tree
         other._tau, other._energy = self._tau.copy(), self._energy.copy()
@@ -333,7 +333,7 @@ class Measure:
         return softmin_choice(self._energy, n, node, self.parameters.epsilon)
 
     def choices(self, nodes: ArrayLike, sizes: ArrayLike) -> NDArray[np.float64]:
-        """`choice` for several nodes, one after the other, in hindsight. It is much quicker in one go.
+        """`choice` for several nodes, one after the other, in hindsight; much quicker in one go.
 
         Args:
             nodes: (k,) the chosen nodes.

@@ -1,4 +1,4 @@
-"""OMPL's planners by name, ``"ompl:RRTConnect"``: what its Python wheel binds (docs/ompl.md).
+"""OMPL's planners by name, as ``"ompl:RRTConnect"``: those that its Python wheel binds (docs/ompl.md).
 
 OMPL is imported when a planner is asked for, never before: it is an extra.
 """
@@ -104,7 +104,7 @@ def missing_planners() -> list[str]:
 
 
 def guidance_class(member: str, make_guides: object = None) -> Callable[..., OmplPlanner]:
-    """What makes the planner of a name; its options are OMPL's parameters, ``setGoalBias`` as ``goal_bias``.
+    """The maker of a planner by name; its options are OMPL's parameters, ``setGoalBias`` as ``goal_bias``.
 
     Args:
         member: The planner's name in OMPL.
@@ -208,7 +208,7 @@ class _Answers:
         self._check = states.sampled_check(resolution) if resolution else states.space.motion_free
 
     def look(self, state: State) -> None:
-        """Nothing is done about it."""
+        """Do nothing about it."""
 
     def motion(self, first: State, second: State) -> bool:
         """Whether a motion is free."""
@@ -277,7 +277,7 @@ class OmplPlanner(WatchedPlanner):
         return self.expression or f"ompl:{self.planner}"
 
     def prepare(self, search: Search) -> None:
-        """Build OMPL's space, problem and planner; nothing where the search is over already.
+        """Build OMPL's space, problem and planner, unless the search is over already.
 
         Raises:
             InvalidInputError: OMPL refuses the space: some planners sample in some kinds of spaces only.

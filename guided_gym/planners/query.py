@@ -1,4 +1,4 @@
-"""One search in OMPL's terms: its space, its problem, its planner, and what it asks us meanwhile."""
+"""One search in OMPL's terms: its space, problem and planner, and the questions that it asks us."""
 
 from __future__ import annotations
 
@@ -17,21 +17,21 @@ from guided_gym.search.watch import State, Watch
 
 
 class Answers(Protocol):
-    """Who answers, such as a `Watch`."""
+    """What answers OMPL's questions, such as a `Watch`."""
 
     @property
     def over(self) -> bool:
         """Whether the planner may stop."""
 
     def look(self, state: State) -> None:
-        """A state was looked at."""
+        """Note that a state was looked at."""
 
     def motion(self, first: State, second: State) -> bool:
         """Whether a motion is free."""
 
 
 class Questions:
-    """What OMPL asks while it plans.
+    """The questions that OMPL asks while it plans.
 
     It holds nothing that refers to OMPL's objects, which hold it: nobody could ever free the two. What goes
     wrong is kept and raised when OMPL has returned: its threads must not be left as they are.
@@ -138,7 +138,7 @@ class Query:
             self._checked(self.planner.setup)  # before it can be freed: some planners cannot without
 
     def solve(self, seconds: float, watch: Answers | None = None) -> NDArray[np.float64] | None:
-        """Plan for so long at most; the path that OMPL calls exact, if there is one."""
+        """Plan for so long at most; returns the path that OMPL calls exact, if there is one."""
         questions = self.questions
         questions.watch = watch
         base = self._ompl.base
@@ -168,7 +168,7 @@ class Query:
             if self.questions.trouble is None:
                 raise InvalidInputError(
                     f"ompl:{self.planner.getName()}: OMPL refuses this robot's space "
-                    f"({str(error).partition(chr(10))[0]}); angles=cut gives it one of plain numbers"
+                    f"({str(error).partition(chr(10))[0]}); angles=cut makes its angles plain numbers"
                 ) from error
 
     def edges(self) -> list[tuple[State, State]]:
@@ -196,7 +196,7 @@ def _validator(kind: Any) -> Any:
 
 @contextmanager
 def quiet(ompl: Any) -> Iterator[None]:
-    """OMPL's messages are held back, and its level of them is as before afterwards."""
+    """Hold back OMPL's messages, and restore their level afterwards."""
     level = ompl.util.getLogLevel()
     ompl.util.setLogLevel(ompl.util.LOG_NONE)
     try:

@@ -46,8 +46,8 @@ class LocalPlanner:
             if self.step > _LONG * space.room:
                 warn(
                     f"a step of {self.step:.3g} is long for this world: most motions of that length collide "
-                    f"where it is narrow. Its free space suits steps of up to {space.room:.3g}, the default "
-                    f"is {space.scale:.3g}"
+                    f"where it is narrow. Its free space suits steps of up to {space.room:.3g}, and the "
+                    f"default is {space.scale:.3g}"
                 )
         self.candidate_count = integer("candidates", candidates, least=1)
 

@@ -55,7 +55,7 @@ class Expansion:
 
 
 class Listener(Protocol):
-    """Anything that learns from expansions: guiding spaces, above all."""
+    """Anything that learns from expansions, above all guiding spaces."""
 
     def reset(self, search: Search) -> None:
         """Get ready for a new search."""
@@ -77,20 +77,20 @@ class Guide(Listener, Protocol):
         """(d,) the configuration to expand it towards, x_new."""
 
     def burst(self, limit: int) -> NDArray[np.int32] | None:
-        """Many samples in one go, as `Search.extend_towards` gives them; None to be asked one by one."""
+        """Draw many samples in one go, as `Search.extend_towards` gives them; None to be asked one by one."""
 
 
 class Watcher(Protocol):
-    """Who measures a search as it runs."""
+    """An observer that measures a search as it runs."""
 
     def before(self, node: int) -> None:
         """A node was selected; the tree has not changed yet."""
 
     def after(self, expansion: Expansion) -> None:
-        """What became of it."""
+        """The sample has been drawn: what became of it."""
 
     def take(self, rows: NDArray[np.int32]) -> None:
-        """Rows of a burst: selected node and new node of each sample, in hindsight."""
+        """A burst has been drawn: selected node and new node of each sample, in hindsight."""
 
     def rewiring(self) -> None:
         """A watched planner is about to give a node another parent."""
@@ -142,7 +142,7 @@ class Search:
         self.collision_checks += self.task.by_edge
 
     def clone(self) -> Search:
-        """A search that goes on by itself, with the same random numbers to come; for searches in tree search.
+        """An independent copy that will draw the same random numbers, as tree search over searches needs it.
 
         Problem and space are shared. Guiding spaces that learn from this search are copied with it, which
         takes as long as what they hold is large; without any it takes some 50 us.
@@ -161,7 +161,7 @@ class Search:
         return other
 
     def shared_by(self, other: Search) -> dict[int, Any]:
-        """The memo for deep copies of what belongs to this search, when they shall belong to its clone."""
+        """The memo for deep copies of what belongs to this search, so that the copies belong to its clone."""
         ours = (self, self.tree, self.planner, self.planner.rng, self.guidance_rng)
         theirs = (other, other.tree, other.planner, other.planner.rng, other.guidance_rng)
         same = (self.problem, self.space, self.space.environment, self.space.robot)
@@ -269,7 +269,7 @@ class Search:
         return expansion
 
     def check_node(self, node: int) -> None:
-        """Refuse what is no node of the tree; kernels would read beyond it.
+        """Refuse anything but a node of the tree: kernels would read beyond the tree.
 
         Raises:
             InvalidInputError: It is none.
@@ -344,7 +344,7 @@ class Search:
             self.reach(len(self.tree) - 1)
 
     def reach(self, node: int) -> None:
-        """Take note of a node that reaches the goal, by the rule of the task.
+        """Note that a node reaches the goal, by the rule of the task.
 
         Raises:
             InvalidInputError: There is no such node.

@@ -154,7 +154,7 @@ class SearchTree:
         return int(self.index.nearest(self.space.configuration(q))[0])
 
     def check_node(self, node: int) -> None:
-        """Refuse what is no node of this tree; kernels would read beyond it.
+        """Refuse anything but a node of this tree: kernels would read beyond it.
 
         Raises:
             InvalidInputError: It is none.
@@ -261,7 +261,7 @@ class SearchTree:
             self.failed = _doubled(self.failed)
 
     def clone(self) -> SearchTree:
-        """A tree that grows on by itself; its index is built when it is asked for."""
+        """An independent copy of the tree; its index is built when it is asked for."""
         other = copy.copy(self)
         other.nodes, other.failed = _copied(self.nodes), _copied(self.failed)
         other._index = None

@@ -1,4 +1,4 @@
-"""Planners of other libraries: they select and expand by themselves, and are watched as they do.
+"""Planners of other libraries: they select and expand by themselves, and are watched while they do.
 
 Whatever such a planner is, it asks whether motions are free. A motion leads from the state that the planner
 has selected to the one that it would like to reach: what the paper calls x_min and x_new. So the tree can be
@@ -60,7 +60,7 @@ class WatchedPlanner(ABC):
 
 
 class Watch:
-    """What a planner's questions say about its tree.
+    """What a planner's questions tell about its tree.
 
     T is the tree from the start. The first state of a motion is the one that the planner has selected, the
     second its x_new; a goal tree passes them the other way round, and has looked at x_new before. So a motion

@@ -48,7 +48,7 @@ class CacheFolder:
         return cls(None if root is None else root / cls.name)
 
     def trouble(self) -> OSError | None:
-        """Why nothing can be kept, found out by trying; None where it can be, or is not meant to be."""
+        """Why nothing can be kept, found by trying; None if it can be, or if it is not meant to be."""
         if self.folder is None:
             return None
         try:
@@ -86,7 +86,7 @@ class CacheFolder:
         return content
 
     def write(self, key: str, *parts: bytes) -> None:
-        """Store bytes under a key; failing to is no error."""
+        """Store bytes under a key; a failure to do so is no error."""
         if self.folder is None:
             return
         temporary = None
@@ -157,7 +157,7 @@ class _AnyFolder(CacheFolder):
 
 @before_workers
 def warn_before_workers() -> None:
-    """Warn here if nothing can be kept: the workers would each find out."""
+    """Warn here if nothing can be kept, since each worker would find out by itself."""
     root = cache_root()
     if root is not None and (error := _AnyFolder(root).trouble()) is not None:
         _warn_once(root, error)

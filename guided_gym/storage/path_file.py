@@ -57,7 +57,7 @@ _MAX_SEED = 2**63 - 1
 
 @dataclass(frozen=True)
 class DatabaseHeader:
-    """What the paths of a database are for; they can only be used by a space that agrees with it."""
+    """What the paths of a database are for: only spaces that agree with it can use them."""
 
     name: str  # the problem distribution
     robot: str  # fingerprint of the robot
@@ -158,7 +158,7 @@ class PathDatabase:
         try:
             if not made and not exist_ok:
                 raise StorageError(
-                    f"expected no file at {path} to create a path database in, but there is one"
+                    f"expected no file at {path}, to create a path database there, but there is one"
                 )
             database.header.require(header, str(path))
         except BaseException:

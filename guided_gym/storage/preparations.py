@@ -1,4 +1,4 @@
-"""What guiding spaces work out once for a workspace, kept on disk where that was asked for."""
+"""What guiding spaces prepare once for a workspace, kept on disk if that was asked for."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ Arrays = Mapping[str, NDArray[Any]]
 
 
 class PreparationStore(CacheFolder):
-    """A cache folder of arrays by name, one file each, read as they were written or not at all."""
+    """A cache folder of named arrays, one file each, which are read as they were written or not at all."""
 
     name = "preparations"
     suffix = ".prepared"
@@ -35,7 +35,7 @@ class PreparationStore(CacheFolder):
         return record.arrays if record.meta == {"key": key} else None
 
     def save(self, key: str, arrays: Arrays) -> None:
-        """Store arrays under a key; failing to is no error."""
+        """Store arrays under a key; a failure to do so is no error."""
         self.write(key, packed(0, Record({"key": key}, arrays)))
 
 
@@ -45,7 +45,7 @@ _store: ContextVar[PreparationStore] = ContextVar("preparations", default=_NOWHE
 
 @contextlib.contextmanager
 def keeping(store: PreparationStore | None = None) -> Iterator[None]:
-    """Look for what is prepared in here on the disk, and keep it there.
+    """Within this context, look for preparations on disk, and keep them there.
 
     Not by default: who searches thousands of drawn problems would fill the disk with what is never asked for
     again.
@@ -61,7 +61,7 @@ def keeping(store: PreparationStore | None = None) -> Iterator[None]:
 
 
 def is_keeping() -> bool:
-    """Whether what is prepared now is kept on the disk; see `keeping`."""
+    """Whether preparations are kept on disk now; see `keeping`."""
     return _store.get().folder is not None
 
 
@@ -102,5 +102,5 @@ def fits(array: NDArray[Any], kind: type[np.generic], *shape: int) -> bool:
 
 
 def within(array: NDArray[Any], end: int) -> bool:
-    """Whether all of an array are indices below ``end``."""
+    """Whether all entries of an array are indices below ``end``."""
     return not array.size or (int(array.min()) >= 0 and int(array.max()) < end)

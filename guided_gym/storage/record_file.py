@@ -84,7 +84,7 @@ class RecordFile:
         return len(self.keys)
 
     def record(self, number: int) -> Record:
-        """The record in that place of `keys`.
+        """The record at that place in `keys`.
 
         Raises:
             StorageError: It is damaged.
@@ -137,7 +137,7 @@ class RecordWriter:
         return set(self._offsets)
 
     def describe(self, header: Mapping[str, Any]) -> None:
-        """Change what the file says of all records. It counts as unfinished until `finish`."""
+        """Change what the file says about all records. It counts as unfinished until `finish`."""
         with _writing(self.path, self._what):
             self._cut()
             self._file.seek(0)
@@ -146,7 +146,7 @@ class RecordWriter:
         self.header = dict(header)
 
     def add(self, key: int, record: Record) -> None:
-        """Write a record; whole, or as if it had not been."""
+        """Write a record, whole or not at all."""
         if key in self._offsets:
             return
         with _writing(self.path, self._what):
@@ -170,7 +170,7 @@ class RecordWriter:
             os.fsync(self._file.fileno())
 
     def close(self) -> None:
-        """Let go of the file; may be called again."""
+        """Close the file; may be called again."""
         self._file.close()
 
     def __enter__(self) -> RecordWriter:
@@ -226,7 +226,7 @@ class _Head(NamedTuple):
 
     @property
     def length(self) -> int:
-        """Bytes that follow."""
+        """Number of bytes that follow."""
         return _padded(self.text) + self.body
 
 
@@ -235,7 +235,7 @@ def _padded(length: int) -> int:
 
 
 def packed(key: int, record: Record) -> bytes:
-    """A record as it lies in a file.
+    """The bytes of a record, as they lie in a file.
 
     Raises:
         StorageError: An array of a type that records do not have.

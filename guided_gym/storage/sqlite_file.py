@@ -28,7 +28,7 @@ _URI_MODES: dict[Mode, str] = {"create": "rwc", "write": "rw", "read": "ro"}
 
 @dataclass(frozen=True)
 class FileFormat:
-    """What tells our files of one kind from every other file.
+    """What distinguishes our files of one kind from all other files.
 
     Attributes:
         name: What messages call such a file.
@@ -78,7 +78,7 @@ def connect(
 
 @contextlib.contextmanager
 def transaction(connection: sqlite3.Connection) -> Iterator[sqlite3.Cursor]:
-    """All of what happens inside, or none. Takes the write lock first, so that two writers can't deadlock."""
+    """A transaction: all or nothing. It takes the write lock first, so that two writers can't deadlock."""
     connection.execute("BEGIN IMMEDIATE")
     try:
         yield connection.cursor()
@@ -188,7 +188,7 @@ def _check(connection: sqlite3.Connection, path: Path | None, kind: FileFormat) 
 
 
 def require_sound(connection: sqlite3.Connection, path: Path | None, kind: FileFormat, check: str) -> None:
-    """Have SQLite check the file, by its ``quick_check`` or ``integrity_check``.
+    """Have SQLite check the file with its ``quick_check`` or ``integrity_check``.
 
     Raises:
         StorageError: It finds damage; the first that it finds is said.

@@ -10,7 +10,7 @@ from guided_gym.errors import StorageError
 
 
 def write_whole(file: Path, content: bytes | str) -> None:
-    """Write a file at once or not at all; its folder is made. Text is written as UTF-8.
+    """Write a file whole or not at all; make its folder. Text is written as UTF-8.
 
     Raises:
         StorageError: The place cannot be written, or the text is none that UTF-8 has.

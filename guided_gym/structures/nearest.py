@@ -40,7 +40,7 @@ _Number = TypeVar("_Number", bound=np.number)
 
 
 def kernel_array(values: ArrayLike, dtype: type[_Number]) -> NDArray[_Number]:
-    """Return C-contiguous writable values, copied if need be: numba compiles anew for read-only arrays."""
+    """Return C-contiguous writable values, copied if necessary: numba compiles anew for read-only arrays."""
     out = np.ascontiguousarray(values, dtype=dtype)
     return out if out.flags.writeable else out.copy()
 

@@ -35,7 +35,9 @@ class SegmentIndex:
         ends = kernel_array(np.asarray(edges).reshape(-1, 2), np.int32)
         m, n = len(ends), len(vertices)
         if m and (ends.min() < 0 or ends.max() >= n):
-            raise InvalidInputError(f"expected edges between vertices of 0..{n - 1}")
+            raise InvalidInputError(
+                f"expected edges between vertices of 0..{n - 1}, got {ends.min()} to {ends.max()}"
+            )
         index = GrowingIndex(Metric(w, p), capacity=max(1, m))
         self._halves, self._half_lengths = np.empty((m, len(w))), np.empty(m)
         load_segments(index.state, vertices, ends, self._halves, self._half_lengths)

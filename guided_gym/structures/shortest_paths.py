@@ -7,6 +7,7 @@ from typing import NamedTuple, TypeVar
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from guided_gym.checks import shown
 from guided_gym.errors import InvalidInputError
 from guided_gym.kernels.metric import Metric
 from guided_gym.kernels.nearest import Floats, Ints
@@ -55,9 +56,11 @@ def graph_from_edges(n: int, edges: ArrayLike, lengths: ArrayLike) -> RoadmapGra
     weights = np.ascontiguousarray(lengths, dtype=np.float64)
     m = len(ends)
     if weights.shape != (m,):
-        raise InvalidInputError(f"expected lengths of shape ({m},), one an edge, got {weights.shape}")
+        raise InvalidInputError(f"expected lengths of shape ({m},), one per edge, got {weights.shape}")
     if m and (ends.min() < 0 or ends.max() >= n or np.any(ends[:, 0] == ends[:, 1])):
-        raise InvalidInputError(f"expected edges between two different vertices of 0..{n - 1}")
+        raise InvalidInputError(
+            f"expected edges between two different vertices of 0..{n - 1}, got {shown(ends)}"
+        )
     if not np.all(weights >= 0):
         raise InvalidInputError("expected lengths >= 0, got a negative one or NaN")
     tails = np.concatenate([ends[:, 0], ends[:, 1]])
@@ -299,7 +302,9 @@ def _edge_ends(graph: Adjacency, weights: Floats) -> Int32s:
             "expected weights of shape (m,), all >= 0, got another shape, negatives or NaN"
         )
     if n < 1 or indptr[0] != 0 or indptr[-1] != len(neighbours) or np.any(np.diff(indptr) < 0):
-        raise InvalidInputError("expected indptr (n + 1,) to rise from 0 to len(neighbours)")
+        raise InvalidInputError(
+            f"expected indptr (n + 1,) to rise from 0 to {len(neighbours)}, got {shown(indptr)}"
+        )
     if len(neighbours) != 2 * m or len(edge_of) != 2 * m:
         raise InvalidInputError(
             f"expected {2 * m} neighbours and edge ids for {m} weights, "
@@ -310,5 +315,7 @@ def _edge_ends(graph: Adjacency, weights: Floats) -> Int32s:
     pairs, twins = order[0::2], order[1::2]
     sound = np.array_equal(edge_of[pairs], np.arange(m)) and np.array_equal(edge_of[twins], np.arange(m))
     if not sound or np.any(tails[pairs] != neighbours[twins]) or np.any(tails[twins] != neighbours[pairs]):
-        raise InvalidInputError("expected each edge id twice in edge_of, once from either end")
+        raise InvalidInputError(
+            f"expected each edge id twice in edge_of, once from either end, got {shown(edge_of)}"
+        )
     return np.stack([tails[pairs], tails[twins]], axis=1)

@@ -1,4 +1,4 @@
-"""Reading a trace: as far as it can be read, and the search that it tells of grown again."""
+"""Reading a trace, as far as it can be read, and growing its search again."""
 
 from __future__ import annotations
 
@@ -71,7 +71,7 @@ class Sample:
 
 @doors
 class Trace:
-    """A trace that was read.
+    """A trace that has been read.
 
     Attributes:
         path: The file.
@@ -154,7 +154,7 @@ class Trace:
 
 @door
 def read_trace(path: str | Path) -> Trace:
-    """Read a trace. If it is truncated or damaged, read it up to that place.
+    """Read a trace; up to the damage, if it is truncated or damaged.
 
     Raises:
         StorageError: The file cannot be read, or is not a trace of this version.
@@ -232,7 +232,7 @@ class TraceReader:
             self._check_gain(row, nodes)
         elif "view" in row:
             if not _index(row["view"], self._guides):
-                raise _UnreadableError(f"has no guide {row['view']!r}")
+                raise _UnreadableError(f"names a guide that is not there: {row['view']!r}")
         elif not isinstance(row.get("end"), dict):
             raise _UnreadableError("is neither a sample, nor a gain, nor a view, nor the end")
         return row
@@ -246,7 +246,7 @@ class TraceReader:
         if any(key in row and not _number(row[key]) for key in NUMBERS):
             raise _UnreadableError("has a text where a number should be")
         if "g" in row and not _index(row["g"], self._guides):
-            raise _UnreadableError(f"has no guide {row['g']!r}")
+            raise _UnreadableError(f"names a guide that is not there: {row['g']!r}")
         self._check_pairs(row, nodes + ("c" not in row))
 
     def _check_gain(self, row: Row, nodes: int) -> None:

@@ -35,7 +35,7 @@ def leaf_guides(guide: GuidingSpace | None) -> list[GuidingSpace]:
 
 
 def drawing_of(guide: GuidingSpace) -> dict[str, Any]:
-    """What a guiding space has to show of what it sees, a graph or a field; empty if it has neither."""
+    """What a guiding space can show of its view, a graph or a field; empty if it has neither."""
     draw = getattr(guide, "drawing", None)
     return draw(values=False) if draw is not None else {}
 
@@ -55,7 +55,7 @@ class GuideView:
         self._due = 0.0
 
     def first(self) -> Rows:
-        """Before the first sample."""
+        """The lines before the first sample."""
         drawing = drawing_of(self._guide)
         if drawing:
             return self._shown(drawing)
@@ -66,7 +66,7 @@ class GuideView:
         return [self._field_row(*heuristic_field(self._guide, self._search, FIELD_CELLS))]
 
     def changes(self) -> Rows:
-        """What the last sample has changed."""
+        """The lines for what the last sample has changed."""
         drawing = drawing_of(self._guide)
         return self._shown(drawing) if drawing else []
 
@@ -118,7 +118,7 @@ class GuideView:
 
 
 def heuristic_field(guide: GuidingSpace, search: Search, cells: int) -> tuple[list[float], Floats]:
-    """H over the workspace, its other coordinates held at the goal's; leaves search and guide as they are.
+    """The field h over the workspace, other coordinates at the goal's; search and guide stay as they are.
 
     Args:
         guide: The guiding space, prepared.
@@ -146,7 +146,7 @@ def heuristic_field(guide: GuidingSpace, search: Search, cells: int) -> tuple[li
 
 
 def rounded(points: Floats) -> list[list[float]]:
-    """Points for the eye: to `_DIGITS` digits of their spread."""
+    """Points rounded for the eye: to `_DIGITS` digits of their spread."""
     spread = float(np.ptp(points, axis=0).max()) if len(points) else 1.0
     digits = _DIGITS - 1 - int(np.floor(np.log10(spread))) if spread > 0 else _DIGITS
     rows: list[list[float]] = np.round(points, digits).tolist()

@@ -32,14 +32,14 @@ SAMPLED: Final = "sampled"
 
 @runtime_checkable
 class TextSink(Protocol):
-    """Anything that lines can be written to: an open file, or what passes them on to somebody who watches."""
+    """Anything that lines can be written to: an open file, or an object that passes them on to a viewer."""
 
     def write(self, text: str, /) -> object:
         """Take one line, its newline included."""
 
 
 class Work(Protocol):
-    """Who knows the work remaining: the metric of a search, of which a trace needs no more than this."""
+    """Something that knows the work remaining: of a search's metric, a trace needs no more than this."""
 
     optimum: float
 
@@ -49,7 +49,7 @@ class Work(Protocol):
 
 
 class TraceWriter:
-    """Writes the trace of one search, line by line; what is written stays, whatever happens next.
+    """Writes the trace of one search, line by line; written lines stay, whatever happens next.
 
     Call `begin` once guide and search are ready, `chosen` when a node has been selected, `became` with what
     became of it, and `end`; or use it as a context, which closes the file.
@@ -147,7 +147,7 @@ class TraceWriter:
             self._write_all(view.first())
 
     def chosen(self, node: int | None) -> None:
-        """A node was selected; the tree has not changed yet. None where only `became` will say which."""
+        """A node was selected; the tree has not changed yet. None if only `became` will say which."""
         search, guide = self._search, self._guide
         self._chosen = {"n": node}
         if search.options.rewire or self._watched:
@@ -170,7 +170,7 @@ class TraceWriter:
         best: float = math.nan,
         guide: int | None = None,
     ) -> None:
-        """What became of the selected node: writes the line of this sample.
+        """Write the line of this sample: what became of the selected node.
 
         Args:
             expansion: The expansion.
@@ -255,7 +255,7 @@ def label_of(guide: GuidingSpace) -> str:
 
 
 def turn_of(guide: GuidingSpace, leaves: Sequence[GuidingSpace]) -> int | None:
-    """Which of the guiding spaces in a hybrid guides the next sample; None where all of them do."""
+    """Which of a hybrid's guiding spaces guides the next sample; None if all of them do."""
     while (guides := getattr(guide, "guides", None)) is not None:
         if getattr(getattr(guide, "rule", None), "joint", False):
             return None

@@ -163,7 +163,7 @@ def test_a_point_robot_has_heading_zero():
 def test_robots_that_the_columns_cannot_describe_are_refused():
     search, observer, _ = grown()
     search.space = ConfigurationSpace(Linkage.snake([0.2] * 2), PROBLEM.environment)
-    with pytest.raises(InvalidInputError, match=r"at most 1 angles, .*, got one of 2"):
+    with pytest.raises(InvalidInputError, match=r"at most 1 angles, .*, got one with 2"):
         observer.reset(search)
 
 

@@ -241,7 +241,7 @@ def test_what_cannot_be_stepped_says_so():
     native, _ = pair(2, AutoresetMode.DISABLED, distribution="Cup", max_samples=2)
     with pytest.raises(GuidedGymError, match="before its first reset"):
         native.step(np.zeros(2, int))
-    with pytest.raises(GuidedGymError, match="all environments before one of some"):
+    with pytest.raises(GuidedGymError, match="all environments before a reset of some"):
         native.reset(options={"reset_mask": np.array([True, False])})
     native.reset(seed=0)
     native.step(np.zeros(2, int)), native.step(np.zeros(2, int))

@@ -66,7 +66,7 @@ def test_the_folder_of_another_run_is_refused_and_left_alone(tmp_path: Path) -> 
     before = {path: path.read_bytes() for path in tmp_path.iterdir()}
     with pytest.raises(StorageError, match="count = 3; count = 4"):
         RunFolder(tmp_path, Options(count=4), "test")
-    with pytest.raises(StorageError, match="another one's"):
+    with pytest.raises(StorageError, match="another run's"):
         RunFolder(tmp_path, Options(), "other")
     assert {path: path.read_bytes() for path in tmp_path.iterdir()} == before
 
@@ -74,7 +74,7 @@ def test_the_folder_of_another_run_is_refused_and_left_alone(tmp_path: Path) -> 
 def test_a_foreign_folder_or_file_is_refused(tmp_path: Path) -> None:
     (tmp_path / "thesis.txt").write_text("mine")
     for place in (tmp_path, tmp_path / "thesis.txt"):
-        with pytest.raises(StorageError, match="ours or an empty one"):
+        with pytest.raises(StorageError, match="expected an empty folder"):
             RunFolder(place, Options(), "test")
     assert [path.name for path in tmp_path.iterdir()] == ["thesis.txt"]
 

@@ -46,7 +46,7 @@ def test_runs_that_do_not_compare_are_refused(tmp_path: Path) -> None:
     first = run_folder(tmp_path / "a")
     with pytest.raises(InvalidInputError, match="at least one"):
         read_runs([])
-    with pytest.raises(InvalidInputError, match="do not compare"):
+    with pytest.raises(InvalidInputError, match="cannot be compared"):
         read_runs([first, run_folder(tmp_path / "b", validation=3)])
     with pytest.raises(InvalidInputError, match="train ppo or train hybrid"):
         read_runs([run_folder(tmp_path / "c", method="imitation")])

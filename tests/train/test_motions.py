@@ -99,7 +99,7 @@ def test_robots_that_differ_are_refused(tmp_path: Path) -> None:
 
 
 def test_another_run_in_the_folder_is_refused(finished: Path) -> None:
-    with pytest.raises(StorageError, match="another one's"):
+    with pytest.raises(StorageError, match="another run's"):
         train_motions(MotionConfig(motions=32), finished)
 
 

@@ -19,6 +19,7 @@ import torch
 
 from guided_gym.train.hybrid_rule import HybridConfig
 from guided_gym.train.imitation import ImitationConfig
+from guided_gym.train.motions import MotionConfig
 from guided_gym.train.node_policy import PPOConfig
 from guided_gym.train.reinforcement_cli import _HYBRID, _SCORER
 from guided_gym.train.training_cli import _OPTIONS, LISTS, OptionTable
@@ -170,3 +171,14 @@ def test_tensorboard_gets_the_curves(
     for name, steps in curves.items():
         found = [event.step for event in events.Scalars(name)]
         assert found == steps if steps is not None else found
+
+
+@pytest.mark.parametrize(
+    ("training", "config"),
+    [("imitation", ImitationConfig), ("motions", MotionConfig), ("hybrid", HybridConfig), ("ppo", PPOConfig)],
+)
+def test_the_help_names_the_defaults_that_hold(training: str, config: type) -> None:
+    shown = CliRunner().invoke(app, ["train", training, "--help"], env={"COLUMNS": "200"}).stdout
+    text = " ".join(shown.replace("│", " ").split())
+    assert f"Default: {','.join(config().environments)}." in text
+    assert f"Default: runs/{training}-ENV." in text

@@ -1,4 +1,4 @@
-"""What the page edits: a document, which is the content of a problem file; and the folder of such files."""
+"""The documents that the page edits, each the content of a problem file, and the folder of such files."""
 
 from __future__ import annotations
 
@@ -79,7 +79,7 @@ class Folder:
         file = self.path / name
         if file.is_symlink() or (file.exists() and not file.is_file()):
             raise InvalidInputError(
-                f"name: expected a file of the lab's folder, got {shown(name)}, which is no file"
+                f"name: expected a file in the lab's folder, got {shown(name)}, which is not one"
             )
         return file
 
@@ -101,7 +101,7 @@ class Folder:
         """
         file = self.file(name)
         if file.exists() and not replace:
-            raise StorageError(f"{file.name}: expected a new name, got that of a file that is there")
+            raise StorageError(f"{file.name}: expected a new name, got that of an existing file")
         write_problem_file(model_of(document), file)
 
 
@@ -153,7 +153,7 @@ def example(name: object, seed: object) -> Document:
         UnknownNameError: There is none of that name.
     """
     if not isinstance(name, str) or not re.fullmatch(r"\w{1,60}", name):
-        raise InvalidInputError(f"name: expected that of a problem of the catalogue, got {str(name)[:60]!r}")
+        raise InvalidInputError(f"name: expected that of a problem in the catalogue, got {str(name)[:60]!r}")
     return checked_document(problem_content(make_distribution(name).problem(whole("seed", seed, most=2**31))))
 
 

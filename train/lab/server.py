@@ -77,7 +77,7 @@ class Limits:
 
 
 class Guard:
-    """Lets through what a browser on this machine asks of this page's own origin, and nothing else.
+    """Lets through requests of a browser on this machine from the page's own origin, and nothing else.
 
     Refused are other names of the host (somebody may point one at 127.0.0.1, and a foreign page would be of
     this origin), other origins, and what is sent as anything but JSON.

@@ -1,4 +1,4 @@
-"""A process of the lab that runs one search: a job on stdin, what becomes of it on stdout, a JSON line each.
+"""A process of the lab that runs one search: it reads a job from stdin and writes JSON lines to stdout.
 
 A process of its own, so that a search can be ended at any moment and has memory and time of its own. It is
 started ahead of time, and waits for its job with everything imported.
@@ -83,7 +83,7 @@ def search(job: dict[str, Any]) -> None:
 
 
 def limit_memory(megabytes: int) -> None:
-    """Have this process fail to get more memory than that, where the system can see to it."""
+    """Limit the memory of this process, where the system can."""
     with contextlib.suppress(ImportError, ValueError, OSError):
         import resource
 

@@ -73,7 +73,7 @@ class LearnedAgent:
 
 
 class LearnedGuidance(ScoredGuidance):
-    """S = the columns of the node scorer over a learned field; h falls as the score rises.
+    """S holds the columns of the node scorer over a learned field; h falls as the score rises.
 
     A composition whose solver is a wave through what the field network takes for free. A node is selected by
     its logit, or, without the scorer, by h as `wavefront` has it; x_new is the candidate from which the field

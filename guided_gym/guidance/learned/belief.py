@@ -131,7 +131,7 @@ class Belief:
 
 
 def plain_tensors(architecture: BeliefArchitecture) -> Tensors:
-    """Tensors that have learned nothing: free is what has room at both ends, whatever is between."""
+    """Tensors that have learned nothing: a motion is free if both ends have room, whatever lies between."""
     tensors = {name: np.zeros(shape, np.float32) for name, shape in architecture.shapes().items()}
     tensors["first.weight"][0, 0] = 1.0
     tensors["first.bias"][0] = belief.FAR

@@ -97,7 +97,7 @@ class FieldArchitecture:
 
 
 def plain_tensors(architecture: FieldArchitecture) -> dict[str, Field]:
-    """Tensors of a field network that has learned nothing: free is what has room, and the wave is the field.
+    """Tensors of a field network that has learned nothing: poses with room are free; the wave is the field.
 
     Raises:
         InvalidInputError: An encoder of fewer than two units.
@@ -145,12 +145,12 @@ class FieldModel(WaveModel):
         return fields.free_logits(grid.room, grid.workspace, first, bias, last, offset)
 
     def slowness(self, grid: PoseGrid) -> Field:
-        """(n, n, T) 1/p: as often as one would have to try."""
+        """(n, n, T) 1/p: the expected number of tries."""
         tries = 1 + np.exp(np.minimum(-self.free(grid), 30))
         return np.asarray(np.minimum(tries, self.blocked).astype(np.float32))
 
     def begin(self, grid: PoseGrid, goal: FloatArray, start: FloatArray | None = None) -> Arrivals:
-        """A wave that has run: what the decoder makes of it stands until costs rise."""
+        """A wave that has run; the decoder's output stands until costs rise."""
         found = super().begin(grid, goal)
         if start is not None:
             values = np.abs(self.field(found).values)

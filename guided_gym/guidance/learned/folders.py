@@ -37,7 +37,7 @@ def agent_folder(name: str) -> Path:
 
 
 def stamp_of(folder: Path) -> tuple[int, ...]:
-    """What changes when the files of an agent do: their times and sizes, 0 for one that is not there."""
+    """Times and sizes of an agent's files, which change as the files do; 0 for a missing file."""
     stamp: list[int] = []
     for file in (weights.CARD_FILE, weights.WEIGHTS_FILE):
         found = (folder / file).stat() if (folder / file).is_file() else None

@@ -1,4 +1,4 @@
-"""Agents for robots whose C no grid can hold: a belief in motions, a cost-to-go network and a node scorer."""
+"""Agents for robots that are too complex for a grid: a belief in motions, a cost-to-go network, a scorer."""
 
 from __future__ import annotations
 
@@ -63,7 +63,7 @@ class MotionAgent:
         found, wanted = column_count(space), self._estimate.architecture.columns
         if found != wanted:
             raise InvalidInputError(
-                f"cost-to-go network: expected the robot of its training ({self.card.get('robot')}), "
+                f"cost-to-go network: expected the robot that it was trained for ({self.card.get('robot')}), "
                 f"got {space.robot.name!r}"
             )
         return Estimate(self._estimate, self.belief.architecture, space)
@@ -97,7 +97,7 @@ def load_motion_agent(name: str) -> MotionAgent:
     folder = agent_folder(name).resolve()
     if weights.card_kind(folder) != MOTION_KIND:
         card = folder / weights.CARD_FILE
-        raise StorageError(f"{card}: expected the card of a {MOTION_KIND}, which believes in motions")
+        raise StorageError(f"{card}: expected the card of a {MOTION_KIND}, got another")
     return _loaded(folder, stamp_of(folder))
 
 

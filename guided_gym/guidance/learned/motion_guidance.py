@@ -1,4 +1,4 @@
-"""Learned guidance where no grid can go: a lazy roadmap through what is believed free, and a node scorer."""
+"""Learned guidance without a grid: a lazy roadmap through what is believed free, and a node scorer."""
 
 from __future__ import annotations
 

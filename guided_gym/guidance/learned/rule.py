@@ -33,7 +33,7 @@ _ENTRIES: Final = (
 
 
 class RuleModel:
-    """A perceptron with tanh between its layers, from what is seen of the guides to a logit of each.
+    """A perceptron with tanh between its layers: from features of the guides to a logit for each.
 
     Args:
         card: What is known of it; ``guides``, their names in order, and ``hidden``, sizes of its layers.
@@ -126,7 +126,7 @@ class LearnedRule:
     joint = False
 
     def begin(self, guides: Sequence[GuidingSpace], search: Search) -> None:
-        """Take hold of a new search.
+        """Begin a new search.
 
         Raises:
             InvalidInputError: The guides are not those that it was trained with.
@@ -150,7 +150,7 @@ class LearnedRule:
         return out
 
     def learn(self, guide: int, expansion: Expansion) -> None:
-        """Take down what became of a sample."""
+        """Record what became of a sample."""
         self._turns.note(guide, expansion)
 
 

@@ -66,7 +66,7 @@ class ScoredGuidance(Composed):
         return float(min(max(self.costs(tree)[0], _LEAST * side), _CLIP * side))
 
     def penalties(self, tree: SearchTree) -> NDArray[np.float64]:
-        """(n,) nats taken from the logit of each node, so that nothing is tried in vain forever."""
+        """(n,) nats subtracted from the logit of each node, so that no node is tried in vain forever."""
         n = len(tree)
         again = _AGAIN * np.maximum(tree.nodes.children[:n] - 1, 0)
         return np.asarray(self.failure_penalty * (tree.nodes.failures[:n] + again))
@@ -77,7 +77,7 @@ class ScoredGuidance(Composed):
         return np.asarray(scores - self.penalties(tree))
 
     def values(self, tree: SearchTree) -> NDArray[np.float64]:
-        """(n,) h of each node (length): how far its logit lies below the largest, as a way left would count.
+        """(n,) h of each node: how far its logit lies below the largest, as a length.
 
         A way left of an optimum takes 1 / tau nats from the target's logit. Without the scorer it is the
         solver's h.

@@ -90,7 +90,7 @@ class ScorerArchitecture:
 
 
 def plain_tensors(architecture: ScorerArchitecture) -> dict[str, NDArray[np.float32]]:
-    """Tensors of a scorer that has learned nothing: the log of the target, were the field the truth.
+    """Tensors of a scorer that has learned nothing: the log of the target, if the field were true.
 
     Q is the softmin of (suboptimality + work remaining) / 0.1, both over the optimum; a failure takes a
     little away.

@@ -1,4 +1,4 @@
-"""What can be seen of guiding spaces that take turns: the numbers by which a learned rule chooses among them.
+"""Features of guiding spaces that take turns, by which a learned rule chooses among them.
 
 The environment ``GuideSelection`` observes these, and a learned rule of `Hybrid` decides by them, so that
 what was trained in the one runs in the other. Nothing of the oracle is among them.
@@ -22,7 +22,7 @@ from guided_gym.search.search import NO_NODE, Expansion, Search
 
 
 class GuideColumn(IntEnum):
-    """What is seen of a guiding space. Its "favourite" is the node of least h, its choice if undisturbed."""
+    """Features of a guiding space. Its "favourite" is the node of least h, its choice if undisturbed."""
 
     CURRENT = 0  # 1 for the one that guided last
     LAST_FAILED = 1  # whether its last expansion failed
@@ -40,7 +40,7 @@ class GuideColumn(IntEnum):
 
 
 class SearchColumn(IntEnum):
-    """What is seen of the search; these come first."""
+    """Features of the search; these come first."""
 
     SAMPLES = 0  # samples so far, log(1 + n) / log(1001), at most 1: it tells what is left, too
     GROWTH = 1  # nodes per sample
@@ -57,7 +57,7 @@ _LAG: Final = 0.9  # of the trend: about the last ten
 
 
 def observed_size(guides: int) -> int:
-    """Length of the vector that is seen of so many guiding spaces."""
+    """Length of the feature vector of so many guiding spaces."""
     return len(SearchColumn) + guides * len(GuideColumn)
 
 
@@ -91,7 +91,7 @@ class Turns:
         self._nearest = 1.0
 
     def note(self, guide: int, expansion: Expansion) -> None:
-        """Take down what became of a sample that ``guide`` guided."""
+        """Record what became of a sample that ``guide`` guided."""
         failed = float(expansion.failed)
         self._current = guide
         self._last_failed[guide] = failed

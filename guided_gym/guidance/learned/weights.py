@@ -86,7 +86,7 @@ def save_agent(folder: Path, card: Mapping[str, Any], tensors: Mapping[str, NDAr
 
 
 def load_card(folder: Path, kind: str = AGENT_KIND, required: Sequence[str] = _REQUIRED) -> dict[str, Any]:
-    """The card of an agent, or of what else `kind` says.
+    """The card of an agent, or of another thing that `kind` names.
 
     Raises:
         StorageError: There is none, or it is not one of ours, or of another format.
@@ -105,7 +105,7 @@ def load_card(folder: Path, kind: str = AGENT_KIND, required: Sequence[str] = _R
 
 
 def card_kind(folder: Path) -> str:
-    """What the card in a folder is of; "" for a file that is not one of ours.
+    """The kind of the card in a folder; "" for a file that is not one of ours.
 
     Raises:
         StorageError: There is none, or it is not JSON.
@@ -125,7 +125,7 @@ def _json_card(folder: Path) -> Any:
 def load_agent(
     folder: Path, kind: str = AGENT_KIND, required: Sequence[str] = _REQUIRED
 ) -> tuple[dict[str, Any], Tensors]:
-    """Card and tensors of an agent, or of what else `kind` says.
+    """Card and tensors of an agent, or of another thing that `kind` names.
 
     Raises:
         StorageError: A file is missing, truncated, foreign, or not the one that the card was written for.
@@ -144,7 +144,7 @@ def load_agent(
 
 
 def part_of(tensors: Tensors, part: str, mark: str = ".") -> Tensors:
-    """The tensors of one part, of an agent or a checkpoint, without its name and the mark behind it."""
+    """The tensors of one part of an agent or checkpoint, their names without the part's prefix."""
     prefix = f"{part}{mark}"
     return {name.removeprefix(prefix): t for name, t in tensors.items() if name.startswith(prefix)}
 

@@ -1,1 +1,1 @@
-"""Solvers: cost-to-go of the easier problem on (r', E'), which a guiding space takes for h."""
+"""Solvers: they give the cost-to-go of the easier problem (r', E'), which a guiding space takes as h."""

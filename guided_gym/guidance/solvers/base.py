@@ -18,7 +18,7 @@ Valid = Callable[[Floats], NDArray[np.bool_]]
 
 
 class Doubts(Protocol):
-    """What an environment modification believes of motions, where E' has no obstacles that say it.
+    """What an environment modification believes about motions, where E' has no obstacles to tell.
 
     Attributes:
         looks: Configurations that it has looked at, in a raster or elsewhere, since it was made.
@@ -27,7 +27,7 @@ class Doubts(Protocol):
     looks: int
 
     def factors(self, starts: Floats, ends: Floats) -> Floats:
-        """(n,) how many times longer motions between (n, d) configurations count; infinite for never."""
+        """(n,) factors on the lengths of motions between (n, d) configurations; infinite if never free."""
 
     def likely(self, starts: Floats, ends: Floats) -> Floats:
         """(n,) p(free) of each motion."""
@@ -87,7 +87,7 @@ class CostToGo(Protocol):
         """
 
     def raise_near(self, state: Floats, reach: float, factor: float) -> None:
-        """Make ways near a state costlier.
+        """Raise the cost of ways near a state.
 
         Args:
             state: (d',) where a motion failed.
@@ -96,7 +96,7 @@ class CostToGo(Protocol):
         """
 
     def inspect(self, state: Floats, reach: float, valid: Valid) -> None:
-        """Have what ways run through near a state looked at, and forbid what is not valid.
+        """Check what ways run through near a state, and forbid what is not valid.
 
         Args:
             state: (d',) where a motion failed.
@@ -106,7 +106,7 @@ class CostToGo(Protocol):
 
 
 class Fixed:
-    """Solvers to which failures teach nothing: h of a node is worked out once. A subclass says how."""
+    """Solvers that learn nothing from failures: h of a node is computed once. A subclass says how."""
 
     looks = 0
 
@@ -149,12 +149,12 @@ def require_dimensions(solver: str, query: Query, *dimensions: int) -> None:
         expected = " or ".join(map(str, dimensions))
         raise InvalidInputError(
             f"{solver}: expected a guiding space of {expected} dimensions, got {query.space.dimension}; "
-            "a robot modification, such as robot=point, makes others of them"
+            "a robot modification, such as robot=point, changes their number"
         )
 
 
 def require_rigid(solver: str, query: Query) -> None:
-    """Refuse robots with joints: for solvers to which a state is a place, and perhaps a heading.
+    """Refuse robots with joints: for solvers whose states are places, perhaps with a heading.
 
     Raises:
         InvalidInputError: The configuration space of a linkage, or a `Subspace`.
@@ -164,7 +164,7 @@ def require_rigid(solver: str, query: Query) -> None:
 
 
 def require_body(solver: str, query: Query) -> None:
-    """Refuse planes through a configuration space: for solvers to which a state is the pose of a body.
+    """Refuse planes through a configuration space: for solvers whose states are poses of a body.
 
     Raises:
         InvalidInputError: A `Subspace`.

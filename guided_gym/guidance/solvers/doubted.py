@@ -1,4 +1,4 @@
-"""Roadmaps whose edges are believed in, and asked about only along the ways that are about to be taken."""
+"""Roadmaps whose edges are believed to be free, and checked only along ways that are about to be taken."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ _TOGETHER: Final = 64  # edges of a way that are asked about at once
 
 
 class DoubtedGraph:
-    """A graph of which edges count as free until a way along them is the shortest: then they are asked about.
+    """A graph whose edges count as free until a way along them is the shortest: then they are asked about.
 
     Args:
         graph: The graph; its edges get longer, or are removed.
@@ -28,7 +28,7 @@ class DoubtedGraph:
         self._known = np.zeros(len(graph.edges), np.bool_)
 
     def look_along(self, vertex: int) -> bool:
-        """Ask about the way from a vertex to the goal; whether there was anything to ask."""
+        """Ask about the way from a vertex to the goal; returns whether there was anything to ask."""
         tree = self.graph.tree
         edges = way_edges(vertex, tree.parent, tree.parent_edge, self._known, _TOGETHER)
         if not edges.size:
@@ -42,7 +42,7 @@ class DoubtedGraph:
         return True
 
     def look_from(self, states: Floats, anchors: Anchors, known: NDArray[np.bool_], row: int) -> bool:
-        """Ask about the shortest way from one of some states; whether there was anything to ask.
+        """Ask about the shortest way from one of some states; returns whether there was anything to ask.
 
         Args:
             states: (n, d') the states.
@@ -61,7 +61,7 @@ class DoubtedGraph:
         return self.look_along(vertex)
 
     def nearest(self, states: Floats, anchors: Anchors) -> tuple[int, float]:
-        """Which of some states has the shortest way to the goal as far as is known, all of it asked about."""
+        """Index of the state with the shortest known way to the goal, all of which has been asked about."""
         known = np.zeros(anchors.vertices.shape, np.bool_)
         while True:
             ways = (anchors.lengths + self.graph.distance[anchors.vertices]).min(axis=1)

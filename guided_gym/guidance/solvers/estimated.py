@@ -12,7 +12,7 @@ _MOST = 1e3  # times that failures may lengthen a way
 
 
 class Estimated:
-    """The cost-to-go that a network takes for true, from the workspace; longer where failures were.
+    """The cost-to-go that a network estimates from the workspace; longer near failures.
 
     Args:
         agent: A shipped agent's name, a folder, or a `MotionAgent`.
@@ -62,7 +62,7 @@ class Estimated:
             self._factors[: self._nodes][near] = np.minimum(raised, _MOST)
 
     def inspect(self, state: Floats, reach: float, valid: Valid) -> None:
-        """Nothing runs through anywhere."""
+        """Nothing: no way is remembered."""
 
     def _costs(self, states: Floats) -> Floats:
         costs = self._estimate.costs(states, self._query.goal)

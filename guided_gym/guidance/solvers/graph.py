@@ -1,4 +1,4 @@
-"""Cost-to-go on a graph in a guiding space: what roadmaps, skeletons, stored paths and search trees share.
+"""Cost-to-go on a graph in a guiding space: shared by roadmaps, skeletons, stored paths and search trees.
 
 States are joined to the graph by anchors. A failure lengthens or removes what passes near it, anchors
 included: the connection of a node to the graph is as unvalidated as the graph itself.
@@ -275,7 +275,7 @@ class GraphCostToGo(ABC):
 
 
 class Taught:
-    """What failures taught: states, how far around them, and how many times costlier ways there are.
+    """What failures taught: states, a reach around each, and the factor by which ways there cost more.
 
     Attributes:
         index: Where the states are.
@@ -292,7 +292,7 @@ class Taught:
         return self._n
 
     def add(self, state: Floats, reach: float, factor: float) -> None:
-        """One more."""
+        """Add one."""
         if self._n == len(self._arrays[1]):
             a, b, c = (_grown(array, 2 * self._n) for array in self._arrays)
             self._arrays = a, b, c
@@ -381,7 +381,7 @@ class AnchoredStates:
         return self._states[rows]
 
     def charge(self, state: Floats, reach: float, factor: float, points: Floats) -> None:
-        """Have the anchors that pass near a state pay for it."""
+        """Raise the cost of the anchors that pass near a state."""
         known = len(self._index)  # of some graphs nobody asks for the nodes near a state
         if known < self._n:
             self._index.add_many(self._states[known : self._n])
@@ -394,11 +394,11 @@ class AnchoredStates:
         self._stale.append(rows)
 
     def touch(self, row: int) -> None:
-        """Say that the anchors of a node have changed."""
+        """Note that the anchors of a node have changed."""
         self._stale.append(np.array([row]))
 
     def affected(self, vertices: NDArray[np.int64]) -> NDArray[np.int64]:
-        """Nodes whose cost has to be worked out anew: anchored to one of the vertices, or stale."""
+        """Nodes whose cost has to be computed anew: those anchored to one of the vertices, and stale ones."""
         rows = self._stale
         self._stale = []
         if vertices.size:

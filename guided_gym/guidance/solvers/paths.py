@@ -138,7 +138,7 @@ class StoredPaths(GraphCostToGo):
         return Anchors(vertices, lengths, np.full(vertices.shape, -1, np.int32))
 
     def joined(self, states: Floats) -> Anchors:
-        """The waypoints that each node of the tree can see: their anchors are validated."""
+        """Join each node to waypoints that it can see: these anchors are validated."""
         anchors = self.anchor(states)
         rows, columns = np.nonzero(anchors.vertices >= 0)
         if rows.size:

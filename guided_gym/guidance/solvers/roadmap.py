@@ -74,7 +74,7 @@ class Roadmap(GraphCostToGo):
         affordable("anchors", anchors, self.anchors * _ANCHOR * 1000, "the anchors of 1,000 nodes")
 
     def begin(self, query: Query, rng: np.random.Generator, step: float) -> None:
-        """Draw the roadmap, or take one that was drawn before."""
+        """Draw the roadmap, or take an earlier one."""
         self._finer = self._renewals = 0
         self._most = _RENEWALS if query.doubts is None else _DOUBTED_RENEWALS
         self._lazy = not query.space.environment.obstacles
@@ -126,7 +126,7 @@ class Roadmap(GraphCostToGo):
         return anchors
 
     def joined(self, states: Floats) -> Anchors:
-        """Join the nodes of a tree to the graph, and have the anchors pay for what was raised near them."""
+        """Join the nodes of a tree to the graph; their anchors pay for what was raised near them."""
         points = self.graph.points
         count = min(self.anchors, len(points) - 1)
         if not self._lazy or count == 0:
@@ -178,7 +178,7 @@ class Roadmap(GraphCostToGo):
         return True
 
     def choose(self, origin: Floats, states: Floats) -> int:
-        """Of some states around another, the one to go to: likely to be reached, with the shortest way on.
+        """Choose one of some states around another: likely to be reached, with the shortest way on.
 
         Only where the query brings doubts.
         """

@@ -74,7 +74,7 @@ class _Walls(NamedTuple):
 
     @property
     def finer(self) -> Floats:
-        """By which factor samples of each are denser than its part's spacing asks for."""
+        """By what factor the samples of each are denser than the spacing of its part asks for."""
         return np.asarray(self.pieces / np.ceil(self.lengths / self.spacing))
 
 

@@ -126,7 +126,7 @@ def obstacle_edges(environment: Environment) -> FloatArray:
 
 @dataclass(frozen=True, eq=False)
 class PoseGrid:
-    """What is known of a problem without its goal: the square around the workspace, and the robot in it.
+    """What is known of a problem apart from its goal: the square around the workspace, and the robot in it.
 
     Attributes:
         ground: The workspace and the robot's room in it; see `fields.Ground`.
@@ -192,7 +192,7 @@ class PoseGrid:
     def known(
         cls, frame: FloatArray, room: Field, workspace: Field, distances: Field, body: FloatArray
     ) -> PoseGrid:
-        """A grid that was looked at before, without the geometry behind it."""
+        """A grid from an earlier look, without the geometry behind it."""
         room, distances = (np.require(array, np.float32, ["C", "W"]) for array in (room, distances))
         nothing, seen = np.zeros((0, 4)), np.ones((len(room), len(room)), np.bool_)
         ground = Ground(nothing, np.zeros(4), frame, distances, seen, body, np.zeros(1), room, seen)
@@ -286,7 +286,7 @@ class CostField:
 
 
 class Arrivals(NamedTuple):
-    """When a wave from the goal comes to the poses of a grid, worked out where it is asked for.
+    """When a wave from the goal arrives at the poses of a grid; computed where it is asked for.
 
     Attributes:
         grid: The grid.
@@ -319,7 +319,7 @@ class Arrivals(NamedTuple):
         return fields.join(q, self.grid.ground, self.seems, self.frame, geometry)
 
     def inner(self, values: Field) -> Field:
-        """(n, n, T) what is within the border of (p,) values."""
+        """(n, n, T) (p,) values without the border."""
         n, _, turns = self.grid.room.shape
         return values.reshape(n + 2, n + 2, turns)[1:-1, 1:-1]
 
@@ -368,7 +368,7 @@ class WaveModel:
         return grid.room
 
     def slowness(self, grid: PoseGrid) -> Field:
-        """(n, n, T) 1/p: as often as one would have to try; NaN where its room tells, if it is asked for."""
+        """(n, n, T) 1/p: the expected number of tries; NaN where the room decides, if it is asked for."""
         return np.full(grid.room.shape, np.float32(np.nan))
 
     def begin(self, grid: PoseGrid, goal: FloatArray, start: FloatArray | None = None) -> Arrivals:
@@ -386,7 +386,7 @@ class WaveModel:
         return Arrivals(grid, frame, self.free(grid), front, np.zeros_like(slow), sources)
 
     def slowed(self, before: Arrivals, start: FloatArray, slow: Field, effort: Field) -> Arrivals:
-        """Another wave, over (p,) slower poses, that comes nowhere earlier than one before."""
+        """Another wave, over (p,) slower poses, that arrives nowhere earlier than the wave before."""
         known, slowest = before.front.known, max(self.blocked, _SLOWEST)
         floor = np.maximum(before.floor, np.where(known < np.inf, known, np.float32(0.0)))
         front = self._begun(before.grid, before.frame, before.sources, start, slow, effort, slowest)
@@ -532,7 +532,7 @@ class Wave:
         return not self._first.blocked_from(self._start)
 
     def plausible(self, node: int, lengths: FloatArray) -> NDArray[np.bool_]:
-        """Which of the states asked for last a free motion from a node can reach.
+        """Which of the states asked for last can be reached from a node by a free motion.
 
         No free motion brings the goal nearer than by its length: what seems to lies behind a wall.
 

@@ -203,8 +203,8 @@ def test_read_pgm__values_are_shares_of_the_maximum(maximum: int, tmp_path: Path
 WRONG = [
     ("resolution: 0.5", "resolution: 0", "resolution"),
     ("resolution: 0.5", "resolution: nan", "resolution"),
-    ("resolution: 0.5\n", "", "resolution: expected this field"),
-    ("negate: 0\n", "", "negate: expected this field"),
+    ("resolution: 0.5\n", "", "resolution: a ROS map needs this field"),
+    ("negate: 0\n", "", "negate: a ROS map needs this field"),
     ("negate: 0", "negate: maybe", "negate"),
     ("2.0, 0.0]", "2.0, 90.0]", "radians"),
     ("2.0, 0.0]", "2.0]", "origin"),

@@ -118,7 +118,7 @@ def test_build__goes_on_grows_and_gives_the_same_whoever_builds(built, tmp_path)
 
 def test_build__refuses_a_file_of_other_problems(built, tmp_path):
     for options in ({"first": 1}, {"goal_tolerance": 0.5}, {"distribution": "RandomTrapCup"}):
-        with pytest.raises(InvalidInputError, match="name another file"):
+        with pytest.raises(InvalidInputError, match="choose another file"):
             build_problem_set(**{"path": built, "distribution": NAME, "count": COUNT, **options})
     for count in (0, -1, 1.5, True):
         with pytest.raises(InvalidInputError, match="count"):
@@ -170,7 +170,7 @@ def test_problem_set__refuses_an_oracle_that_does_not_fit(built, tmp_path):
             ({"inner": {"version": 2}}, "another version of guided-gym"),
             ({"inner": {"resolution": [8, 8]}}, "a grid of 3 axes"),
             ({"inner": {"resolution": [8, 8, 8]}}, "expected a field of"),
-            ({"inner": {"resolution": "x"}}, "got another thing"),
+            ({"inner": {"resolution": "x"}}, "got something else"),
             ({"kind": "crystal ball"}, "grid or roadmap"),
         )
     ):

@@ -380,7 +380,7 @@ def test_what_decides_collisions_decides_the_fingerprint() -> None:
         (lambda: Linkage.arm([1.0], base=(1.0, 2.0, 3.0)), r"base: expected \(x, y\)"),
         (lambda: Joint(parent=-2), "parent: expected an integer, at least -1"),
         (lambda: Linkage((Joint(parent=0),), TREE.bodies[:1], (0, (0, 0))), "a parent before it"),
-        (lambda: Linkage((Joint(),), (), (0, (0, 0))), "a joint and a body"),
+        (lambda: Linkage((Joint(),), (), (0, (0, 0))), "one joint and one body"),
         (lambda: Linkage((Joint(),), (Body(1, shapely.Point(0, 0)),), (0, (0, 0))), "a body's joint"),
         (lambda: Linkage((Joint(),), (Body(0, shapely.Point(0, 0)),), (1, (0, 0))), "tool: expected a joint"),
         (lambda: Linkage((Joint(name="a"), Joint(name="a")), TREE.bodies[:1], (0, (0, 0))), "twice"),

@@ -228,7 +228,7 @@ def with_mesh(name: str) -> tuple[str, ...]:
         ((link("x", ""), link("y", ""), joint("j", "x", "y")), {}, "expected collision geometry"),
         ((*XY, joint("j", "x", "y", kind="fixed")), {}, "expected joints that move"),
         ((link("x", CYLINDER.format("radius='-1' length='1'")),), {}, "line 1: cylinder: radius: .*'-1'"),
-        ((link("x", CYLINDER.format("length='1'")),), {}, "cylinder: radius: expected it, got none"),
+        ((link("x", CYLINDER.format("length='1'")),), {}, "cylinder: radius: expected a value, got none"),
         ((link("x", CYLINDER.format("radius='nan' length='1'")),), {}, "got 'nan'"),
         ((link("x", SPHERE.replace("0.05", "0")),), {}, "sphere: radius"),
         ((link("x", SPHERE.replace("sphere radius", "box size")),), {}, "box: size: expected 3 positive"),

@@ -189,9 +189,9 @@ def test_read__a_truncated_trace_is_read_up_to_there(problem: Problem, tmp_path:
         ('{"n":0,"x":[1,1,NaN]}', "needs 3 numbers as 'x'"),
         ('{"n":0,"x":[1,1,1],"c":null}', "needs 3 numbers as 'c'"),
         ('{"n":0,"x":[1,1,1],"s":"<b>"}', "has a text where a number should be"),
-        ('{"n":0,"x":[1,1,1],"g":3}', "has no guide 3"),
+        ('{"n":0,"x":[1,1,1],"g":3}', "names a guide that is not there: 3"),
         ('{"n":0,"x":[1,1,1],"w":[[5,0]]}', "rewires nodes that are not there"),
-        ('{"view":4,"cells":true}', "has no guide 4"),
+        ('{"view":4,"cells":true}', "names a guide that is not there: 4"),
         ('{"what":1}', "is neither a sample, nor a gain, nor a view, nor the end"),
     ],
 )

@@ -157,7 +157,7 @@ def test_a_belief_is_of_the_modified_robot(problem: Problem, robot: str) -> None
 
 def test_the_cost_to_go_of_another_robot_is_refused() -> None:
     other = make_distribution("RandomPlanarArm7@validation").problem(0)
-    with pytest.raises(InvalidInputError, match="robot of its training"):
+    with pytest.raises(InvalidInputError, match="robot that it was trained for"):
         guided_search(other, f"learned:{AGENT}@sees=estimate", measure=False)
 
 
@@ -177,7 +177,7 @@ def test_a_belief_serves_rigid_robots_too() -> None:
 
 
 def test_other_agents_are_no_motion_agents() -> None:
-    with pytest.raises(StorageError, match="believes in motions"):
+    with pytest.raises(StorageError, match="expected the card of a"):
         make_guidance("roadmap(environment=predicted(se2))")
 
 
