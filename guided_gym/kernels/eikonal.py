@@ -32,6 +32,8 @@ LINK_THETA = 4
 _INF = np.float32(np.inf)
 _MAX_BUCKETS = 65536
 _FAN = 3
+_MOST_OFFERS = 18  # a vertex has six neighbours and twelve diagonals
+_FRONT = 0.125  # of the grid waits in the room to begin with
 _SQUARES = np.array([(s, t) for s in range(6) for t in range(s) if s >> 1 != t >> 1])
 
 
@@ -163,26 +165,35 @@ def _march(
     head: IndexArray,
     following: npt.NDArray[np.int32],
     waiting: npt.NDArray[np.int32],
-) -> None:
-    """Run the wave until no bucket holds a vertex.
+    state: IndexArray,
+) -> bool:
+    """Run the wave until no bucket holds a vertex, or until there may be no room for more entries: False.
 
     A fresh wave fills a field that is infinite; the other kind lowers one. Bucket b holds the vertices with
     trial values in base + [b, b + 1) * width, as a chain of entries: `head` of the
     slot b % head.size, then `following`. The first `seeds` entries are there; in a fresh
     wave they are known vertices. A vertex may wait in several entries, of which all but
-    the first that is reached are stale.
+    the first that is reached are stale. Later entries are used again once they were
+    reached: what waits at one time is the front of the wave, a small part of the grid.
+    `state` is kept for going on with more room: entries so far, those that wait, the
+    bucket, and the first entry to be used again.
     """
     sides = 6 if n_angles > 1 else 4
     weights = (1.0 / spacing[0] ** 2, 1.0 / spacing[1] ** 2, 1.0 / spacing[2] ** 2)
     near = np.empty(6, dtype=np.int64)
-    used, live, bucket = seeds, seeds, 0
+    used, live, bucket, spare = state[0], state[1], state[2], state[3]
     while live > 0:
         slot = bucket % head.size
         while head[slot] >= 0:
+            if waiting.size - used < _MOST_OFFERS:
+                state[0], state[1], state[2], state[3] = used, live, bucket, spare
+                return False
             entry = head[slot]
             v = np.int64(waiting[entry])
             head[slot] = following[entry]
             live -= 1
+            if entry >= seeds:
+                following[entry], spare = spare, entry
             if field[v] <= trial[v] and not (fresh and entry < seeds):
                 continue
             field[v] = trial[v]
@@ -204,9 +215,15 @@ def _march(
                 if u < trial[w]:
                     trial[w] = u
                     slot_w = max(int((u - base) / width), bucket) % head.size
-                    waiting[used], following[used], head[slot_w] = w, head[slot_w], used
-                    used, live = used + 1, live + 1
+                    place = used
+                    if spare >= 0:
+                        place, spare = spare, following[spare]
+                    else:
+                        used += 1
+                    waiting[place], following[place], head[slot_w] = w, head[slot_w], place
+                    live += 1
         bucket += 1
+    return True
 
 
 def march(
@@ -277,29 +294,14 @@ def _run(
     width = max(0.1 * float(lengths.min()), span / _MAX_BUCKETS)
     n, m = links.size, first.size
     head = np.full(int(span / width) + 3, -1, dtype=np.int64)
-    # Each of a vertex's six neighbours and twelve diagonals makes it wait at most once, an improved vertex
-    # more often, but not all of them are improved.
-    following, waiting = np.empty(m + 18 * n, dtype=np.int32), np.empty(m + 18 * n, dtype=np.int32)
+    following, waiting = (np.empty(m + int(_FRONT * n) + _MOST_OFFERS, dtype=np.int32) for _ in range(2))
     waiting[:m] = first
     for entry, slot in enumerate(((values - base) / width).astype(np.int64)):
         following[entry], head[slot] = head[slot], entry
-    levels = np.zeros(n, dtype=np.uint8)
-    _march(
-        links,
-        stride,
-        n_angles,
-        spacing,
-        m,
-        fresh,
-        base,
-        width,
-        field,
-        trial,
-        levels,
-        head,
-        following,
-        waiting,
-    )
+    levels, state = np.zeros(n, dtype=np.uint8), np.array([m, m, 0, -1])
+    grid = (links, stride, n_angles, spacing, m, fresh, base, width, field, trial, levels, head)
+    while not _march(*grid, following, waiting, state):
+        following, waiting = (np.concatenate((entries, entries)) for entries in (following, waiting))
 
 
 @njit(cache=True)

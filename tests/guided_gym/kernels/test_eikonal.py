@@ -1,9 +1,12 @@
 from __future__ import annotations
 
+import tracemalloc
+
 import numpy as np
 import pytest
 
-from guided_gym.kernels.eikonal import LINK_THETA, LINK_X, LINK_Y, PAD, march
+from guided_gym.kernels import eikonal
+from guided_gym.kernels.eikonal import LINK_THETA, LINK_X, LINK_Y, PAD, improve, march
 
 
 def linked(free):
@@ -66,3 +69,50 @@ def test_no_seed_gives_no_finite_value():
     links = linked(np.ones((5, 5, 4), dtype=bool))
     none = np.empty(0, dtype=np.int64)
     assert np.isinf(march(links.ravel(), 36, 4, np.ones(3), none, np.empty(0))).all()
+
+
+def waves(links, spacing, seeds, nearer):
+    """A field, and the same after a wave from a vertex that came nearer."""
+    grid = (links.ravel(), links.shape[1] * links.shape[2], links.shape[2], np.array(spacing))
+    field = march(*grid, seeds, np.linspace(0.0, 0.3, seeds.size))
+    improved = field.copy()
+    improve(*grid, improved, np.array([nearer]), np.array([0.01]))
+    return field, improved
+
+
+@pytest.mark.parametrize("shape", [(40, 30, 1), (14, 12, 8)])
+def test_room_for_what_waits_grows_where_it_is_short_and_changes_nothing(shape, monkeypatch):
+    free = np.random.default_rng(7).random(shape) > 0.2
+    links = linked(free)
+    inside = np.flatnonzero(links.ravel())
+    asked = (links, (0.1, 0.12, 0.3), inside[::40], inside[-1])
+    expected = waves(*asked)
+    assert (expected[1] < expected[0]).any()
+    grown, march_on = [], eikonal._march
+
+    def watched(*arguments):
+        done = march_on(*arguments)
+        grown.extend([1] * (not done))
+        return done
+
+    monkeypatch.setattr(eikonal, "_march", watched)
+    monkeypatch.setattr(eikonal, "_FRONT", 0.0)
+    found = waves(*asked)
+    assert len(grown) > 2
+    for ours, theirs in zip(found, expected, strict=True):
+        np.testing.assert_array_equal(ours, theirs)
+
+
+def test_a_wave_takes_little_memory_beside_its_field():
+    """What waits is a front: its entries were 144 bytes for each vertex, more than all else together."""
+    links = linked(np.ones((60, 60, 24), dtype=bool))
+    grid = (links.ravel(), links.shape[1] * links.shape[2], links.shape[2], np.array([0.1, 0.1, 0.1]))
+    seed = (np.flatnonzero(links.ravel())[:1], np.zeros(1))
+    march(*grid, *seed)
+    tracemalloc.start()
+    try:
+        march(*grid, *seed)
+        most = tracemalloc.get_traced_memory()[1]
+    finally:
+        tracemalloc.stop()
+    assert most < 12 * links.size  # the field, what is tried and the fans take 9
