@@ -5,6 +5,7 @@ Nothing but the oracle guidance and the metric may use it (paper, section "Evalu
 
 from __future__ import annotations
 
+import math
 import threading
 from collections import OrderedDict
 from collections.abc import Sequence
@@ -34,6 +35,8 @@ from guided_gym.options import DEFAULT_ORACLE, OracleOptions
 
 _REMEMBERED = 32
 """Oracles that `oracle_for` keeps in memory."""
+_VERTICES = 5_000_000
+"""Vertices that these may have together: 25 MB of grids, however fine each is."""
 
 
 _KINDS: Final[dict[str, type[GridSolution] | type[RoadmapSolution]]] = {
@@ -217,11 +220,13 @@ def remember(oracle: Oracle, start: Configurations | None = None) -> None:
     """Have `oracle_for` find this oracle in memory, for its goal, its options and a start that it connects.
 
     For oracles that were solved elsewhere, like in another process; the least recently used are forgotten.
+    The latest stays, whatever its size.
     """
     with _lock:
         _remembered[_memory_key(oracle.space, oracle.goal, start, oracle.options)] = oracle
-        while len(_remembered) > _REMEMBERED:
-            _remembered.popitem(last=False)
+        vertices = sum(math.prod(kept.resolution) for kept in _remembered.values())
+        while len(_remembered) > 1 and (len(_remembered) > _REMEMBERED or vertices > _VERTICES):
+            vertices -= math.prod(_remembered.popitem(last=False)[1].resolution)
 
 
 def _memory_key(

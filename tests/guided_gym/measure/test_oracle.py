@@ -16,6 +16,7 @@ from guided_gym.kernels.cost_query import cost_to_go_one
 from guided_gym.measure import grid
 from guided_gym.measure import oracle as oracle_module
 from guided_gym.measure.oracle import Oracle, oracle_for
+from guided_gym.options import OracleOptions
 
 BOUNDS = (0.0, 0.0, 10.0, 10.0)
 pytestmark = pytest.mark.usefixtures("own_cache")
@@ -299,3 +300,21 @@ def test_oracle_for_remembers_and_forgets(monkeypatch):
     oracle_for(space, (9.0, 4.0))
     oracle_for(space, (9.0, 3.0))
     assert oracle_for(space, (9.0, 5.0), (1.0, 5.0)) is not first
+
+
+def test_fine_oracles_are_forgotten_sooner_but_the_latest_stays(monkeypatch):
+    space = point_space(*wall(5.0))
+
+    def asked(y, count):
+        return oracle_for(space, (9.0, y), options=OracleOptions(resolution=(count, count)))
+
+    monkeypatch.setattr(oracle_module, "_VERTICES", 1000)
+    oracle_module._remembered.clear()
+    first, second = asked(5.0, 20), asked(4.0, 20)
+    assert asked(5.0, 20) is first and asked(4.0, 20) is second
+    third = asked(3.0, 20)  # 1,200 vertices
+    assert asked(4.0, 20) is second and asked(3.0, 20) is third
+    assert asked(5.0, 20) is not first
+    fourth = asked(2.0, 40)  # 1,600 alone
+    assert list(oracle_module._remembered.values()) == [fourth]
+    assert asked(2.0, 40) is fourth
