@@ -96,6 +96,7 @@ def test_lab__from_nothing_to_a_problem_drawn_solved_replayed_and_saved(
     assert (pixels(stage) != first).any()
     samples = page.evaluate("lab.runs[0].facts.samples")
     assert page.evaluate("lab.player.sample") == samples
+    assert "guide's graph" in page.locator("#player .legend").inner_text()
     assert f"solved after {samples} samples" in page.locator("#player figcaption").inner_text()
     page.get_by_label("Name").fill("mine.toml")
     page.get_by_role("button", name="Save").click()

@@ -13,13 +13,21 @@ from typing import Any
 import numpy as np
 import pytest
 
-from guided_gym import GuidedGymError, guided_search, load_problem, make_distribution
+from guided_gym import (
+    GuidedGymError,
+    InvalidInputError,
+    SpatialEnvironment,
+    distribution_names,
+    guided_search,
+    load_problem,
+    make_distribution,
+)
 from guided_gym.catalogue.files import problem_content
 
 pytest.importorskip("starlette", reason="the extra [lab] is not installed")
 pytest.importorskip("uvicorn", reason="the extra [lab] is not installed")
 
-from guided_gym.train.lab.documents import Folder, checked_guidance, document_of_text
+from guided_gym.train.lab.documents import Folder, checked_guidance, document_of_text, example
 from guided_gym.train.lab.server import Limits, bound_socket
 
 Serve = Callable[..., AbstractContextManager[Any]]
@@ -204,6 +212,29 @@ def test_open__a_map_gets_a_robot_and_a_task(tmp_path: Path) -> None:
     assert opened["obstacles"] == [{"polygon": [[11.0, 4.0], [11.0, 10.0], [9.0, 10.0], [9.0, 4.0]]}]
     assert opened["robot"]["kind"] == "rectangle"
     assert len(opened["start"]) == len(opened["goal"]) == 3
+
+
+def test_open__an_arm_in_space_is_refused_and_not_offered(
+    tmp_path: Path, served: tuple[int, Any, Path]
+) -> None:
+    make_distribution("SpatialArm").problem(0).save(tmp_path / "arm.toml")
+    before = (tmp_path / "arm.toml").read_bytes()
+    with pytest.raises(
+        InvalidInputError, match=r"^arm.toml: expected a problem in the plane.*got an arm in space"
+    ):
+        Folder(tmp_path).read("arm.toml")
+    assert (tmp_path / "arm.toml").read_bytes() == before
+    with pytest.raises(InvalidInputError, match="SpatialArm: expected a problem in the plane"):
+        example("SpatialArm", 0)
+    offered = ask(served[0], "/api/start")[1]["examples"]
+    in_space = {
+        name
+        for name in distribution_names()
+        if isinstance(
+            make_distribution(name).sample(np.random.default_rng(0)).environment, SpatialEnvironment
+        )
+    }
+    assert in_space == set(distribution_names()) - set(offered)
 
 
 def test_view__says_what_is_wrong_and_still_draws() -> None:

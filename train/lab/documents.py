@@ -10,8 +10,8 @@ from typing import Any, Final
 from guided_gym.catalogue.files import (
     PROBLEM_SUFFIXES,
     ProblemFile,
+    file_of,
     map_file,
-    problem_content,
     problem_of,
     read_problem_file,
     write_problem_file,
@@ -115,7 +115,7 @@ def document_of_file(file: Path, folder: Path) -> Document:
     try:
         if file.is_file() and file.stat().st_size > LARGEST:
             raise StorageError(f"{file}: expected at most {LARGEST // 2**20} MiB in the lab, got more")
-        model = read_problem_file(file)
+        model = _planar(read_problem_file(file), str(file))
         environment = model.environment(folder)
         xmin, ymin, xmax, ymax = environment.bounds
         side = _SHARE * min(xmax - xmin, ymax - ymin)
@@ -154,7 +154,18 @@ def example(name: object, seed: object) -> Document:
     """
     if not isinstance(name, str) or not re.fullmatch(r"\w{1,60}", name):
         raise InvalidInputError(f"name: expected that of a problem in the catalogue, got {str(name)[:60]!r}")
-    return checked_document(problem_content(make_distribution(name).problem(whole("seed", seed, most=2**31))))
+    problem = make_distribution(name).problem(whole("seed", seed, most=2**31))
+    return checked_document(content_of(_planar(file_of(problem), name)))
+
+
+def _planar(model: ProblemFile, what: str) -> ProblemFile:
+    """The model, if the lab can draw it."""
+    if model.room is not None:
+        raise InvalidInputError(
+            f"{what}: expected a problem in the plane, which the lab can draw, got an arm in space; "
+            "guided-gym evaluate and replay take it"
+        )
+    return model
 
 
 def content_of(model: ProblemFile) -> Document:
@@ -206,7 +217,7 @@ def model_of(document: Document) -> ProblemFile:
         raise InvalidInputError(f"{place or 'document'}: {first['msg']}") from None
     if model.map is not None:
         raise InvalidInputError("map: expected obstacles, got a map: open the file, which reads its map")
-    return model
+    return _planar(model, "document")
 
 
 def problem_of_document(document: object) -> Problem:

@@ -60,6 +60,7 @@ _HEADERS: Final = {
     b"cache-control": b"no-store",
 }
 _NEEDS_A_FILE: Final = ("path_database", "paths")
+_IN_SPACE: Final = ("SpatialArm", "RandomSpatialArm")  # what the lab cannot draw
 _FIRST: Final = "TrapCup"
 
 
@@ -273,7 +274,8 @@ class Lab:
         """What the page has to know once."""
         names = [name for name in guidance_names() if name not in _NEEDS_A_FILE]
         names += [f"learned:{name}" for name in shipped_agents()]
-        examples = {name: make_distribution(name).fixed for name in distribution_names()}
+        drawn = [name for name in distribution_names() if name not in _IN_SPACE]
+        examples = {name: make_distribution(name).fixed for name in drawn}
         return JSONResponse(
             {
                 "folder": str(self.folder.path),

@@ -175,7 +175,7 @@
       }
       items.push(swatch({ background: colours.failure, opacity: 0.5, width: "9px", height: "9px", borderRadius: "0" }, "collision"),
         swatch({ background: colours.path, opacity: 0.5 }, "path found"));
-      const kinds = new Set(this.traces.flatMap((trace) => trace.views.flatMap((events) => events.map((one) => one.kind))));
+      const kinds = this._kinds = this._kindsOfViews();
       if (kinds.has("graph")) {
         items.push(swatch({ background: colours.graph, height: "3px" }, "guide's graph"));
         if (kinds.has("weights")) items.push(swatch({ background: colours.failure, height: "2px", opacity: 0.6 }, "removed by failures"),
@@ -188,6 +188,8 @@
       if (this.curve) items.push(swatch({ borderTop: `2px dotted ${colours.muted}`, height: 0 }, "best possible"));
       this.legend.replaceChildren(...items);
     }
+
+    _kindsOfViews() { return new Set(this.traces.flatMap((trace) => trace.views.flatMap((events) => events.map((one) => one.kind)))); }
 
     _help() {
       const keys = [["Space", "play or pause"], ["← →", "a sample back or on; with Shift, ten"], ["Home End", "start, end"],
@@ -271,6 +273,7 @@
     grew() {
       const follow = this.sample >= Number(this.scrub.max);
       this._setLength();
+      if (this._kindsOfViews().size !== this._kinds.size) this._drawLegend();
       this.captions.forEach((said, i) => { said.textContent = captionOf(this.traces[i]); });
       this.seek(follow ? this.length : this.sample);
     }
