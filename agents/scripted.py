@@ -53,7 +53,7 @@ class GuidanceAgent:
 
     Raises:
         UnknownNameError: No such guiding space or option.
-        InvalidInputError: ``env`` is no `GuidedSearchEnv`.
+        InvalidInputError: ``env`` is not a `GuidedSearchEnv`.
     """
 
     def __init__(
@@ -242,7 +242,7 @@ def rollout(
 
     Args:
         env: A `GuidedSearchEnv`, wrapped or not.
-        agent: Who acts.
+        agent: The agent that acts.
         seed: Seed of the episode.
         **reset_options: Options of ``env.reset``, such as ``problem``.
     """

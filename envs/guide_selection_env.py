@@ -65,7 +65,7 @@ class GuideSelectionEnv(gymnasium.Env[NDArray[np.float32], int]):
             rewire, target, render_mode.
 
     Raises:
-        UnknownNameError: An unknown name or option; the nearest one is suggested. Of an option, it is a
+        UnknownNameError: An unknown name or option; the nearest one is suggested. For an option, it is a
             TypeError, too.
         InvalidInputError: An option's value cannot be used.
     """

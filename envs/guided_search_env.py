@@ -148,7 +148,7 @@ class GuidedSearchEnv(gymnasium.Env[Observation, Action]):
             is None, too.
         max_samples: Steps until truncation; None for max_nodes - 2. ``max_episode_steps`` of
             ``gymnasium.make`` can only make episodes shorter: the environment is not told of it.
-        expansion: Who proposes the configuration: ``"uniform"`` in the ball around the node, or a guiding
+        expansion: What proposes the configuration: ``"uniform"`` in the ball around the node, or a guiding
             space (a name, or an instance that is copied).
         action: ``"node"`` or ``"distribution"``.
         reward: A name, weights of names, or an object like `guided_gym.envs.rewards.Reward`.
@@ -159,9 +159,9 @@ class GuidedSearchEnv(gymnasium.Env[Observation, Action]):
         goal_edge: Whether a valid edge to the goal ends the search; None likewise.
         rewire: Rewire the tree as RRT* does.
         target: Parameters of the target distribution Q.
-        oracle: Resolution and budget of the oracle that Q is of.
-        observe: What is observed, an object like `guided_gym.envs.observations.Observer` (copied); None for
-            the default.
+        oracle: Resolution and budget of the oracle behind Q.
+        observe: The observer, an object like `guided_gym.envs.observations.Observer` (copied); None for the
+            default.
         raster: Cells along each side of the default observation's raster.
         target_in_info: Whether info holds the target.
         render_mode: ``"rgb_array"``, ``"human"`` or None.

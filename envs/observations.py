@@ -112,7 +112,7 @@ def node_table(observation: Mapping[str, NDArray[Any]], columns: int = COLUMNS) 
     """The node features of an observation (or of a batch) as a table: (..., N * F) to (..., N, F).
 
     Raises:
-        InvalidInputError: It has no such features.
+        InvalidInputError: The observation has no such features.
     """
     nodes: Any = observation.get("nodes")
     columns = integer("columns", columns, least=1)
@@ -138,8 +138,8 @@ def rollout_bytes(max_nodes: int = 256, raster: int = 64, environments: int = 8,
     ``environments * steps * (max_nodes * (4 * F + 9) + raster**2 + 64)`` with F = `COLUMNS`: per node F
     float32 features, an int32 parent, the int8 mask in the observation and the float32 mask that MaskablePPO
     keeps; a byte per cell of the raster; 32 bytes for start and goal, and 32 for action, reward, return,
-    episode start, value, log-probability and advantage. 341 MB at the defaults (were everything kept as
-    float32, 555 MB); sampling from the buffer copies it once, key by key.
+    episode start, value, log-probability and advantage. 341 MB at the defaults (555 MB if everything were
+    float32); sampling from the buffer copies it once, key by key.
     """
     for name, value in (("max_nodes", max_nodes), ("raster", raster)):
         integer(name, value, least=0)
@@ -169,10 +169,10 @@ class TreeObservation:
 
     Args:
         raster: Cells along each side of the raster; below `SMALLEST_IMAGE` a warning is given.
-        angles: n, for how many angles there are columns: F = 10 + 4 n, 14 for rigid planar robots.
+        angles: n, the number of angles that have columns: F = 10 + 4 n, 14 for rigid planar robots.
 
     Raises:
-        InvalidInputError: raster or angles is no positive integer, or raster takes too much memory.
+        InvalidInputError: raster or angles is not a positive integer, or raster takes too much memory.
     """
 
     def __init__(self, raster: int = 64, angles: int = 1) -> None:

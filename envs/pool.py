@@ -64,7 +64,7 @@ class ProblemPool(ProblemDistribution):
             left, start at its `taken`.
         workers: Processes; with 0, this one prepares each problem when it is asked for.
         ahead: How many problems are prepared before anyone asks.
-        goal_tolerance: Another rule of when a goal is reached than the problems have, see `Problem.ending`.
+        goal_tolerance: Another rule for reaching a goal than the problems' own, see `Problem.ending`.
         goal_edge: Likewise.
 
     Attributes:

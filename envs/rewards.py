@@ -60,8 +60,8 @@ class MeasuredReward(Reward, Protocol):
 class EfficiencyReward:
     """-SE: -log Q(u) for a node u, -D_KL(P || Q) for a distribution P (paper, Sampling Efficiency).
 
-    Added up over an episode it is the paper's total SE. The least sum is not the fewest samples: a small tree
-    is cheap to choose from, and a step that leaves it small is.
+    Added up over an episode it is the paper's total SE. The least sum does not mean the fewest samples:
+    choices on a small tree are cheap, and so are steps that leave it small.
     """
 
     def __call__(self, choice: Choice) -> float:

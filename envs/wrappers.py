@@ -152,8 +152,8 @@ class RecordSearch(gymnasium.Wrapper[Any, Any, Any, Any], RecordConstructorArgs)
 
     Args:
         env: An environment in which a tree is searched.
-        folder: Where the traces go; made if it is not there. Traces of an earlier run are replaced.
-        every: Record each so many episodes, the first included.
+        folder: Folder of the traces; it is made if there is none. Traces of an earlier run are replaced.
+        every: Record every so many episodes, from the first on.
         title: What the pages call the searches.
 
     Raises:

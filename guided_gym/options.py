@@ -139,7 +139,7 @@ DEFAULT_ORACLE = OracleOptions()
 class SearchOptions:
     """How a search expands and is measured; independent of who chooses the nodes.
 
-    Where a search ends is the task's business: see `Task`.
+    The task says where a search ends: see `Task`.
 
     Attributes:
         step: Radius of the local planner's ball; None for the `scale` of the configuration space: 5 % of the

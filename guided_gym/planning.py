@@ -155,18 +155,18 @@ def guided_search(
             itself, such as ``"ompl:RRT"``, which takes no ``expansion`` and has no ``distributions``.
         seed: Seed of every random choice; the same seed gives the same tree.
         max_samples: Samples after which to give up.
-        expansion: Who proposes x_new: None for ``guidance`` itself, ``"uniform"`` for the ball, or another
+        expansion: What proposes x_new: None for ``guidance`` itself, ``"uniform"`` for the ball, or another
             guiding space.
         options: Local planner, termination and metric.
         measure: Whether to compute SE (asks the oracle).
-        distributions: Whether to compute D_KL and D_JS of the whole distribution at each sample too.
+        distributions: Whether to compute D_KL and D_JS of the whole distribution at each sample, too.
         progress: Called with the number of samples so far.
         trace: File in which to record the search, sample by sample, or anything with ``write`` that takes the
             lines (docs/replay.md); the search stays the same.
 
     Raises:
         InvalidInputError: An argument has the wrong type, max_samples is not a positive integer, the seed is
-            not an integer >= 0, or an option that a planner which selects by itself cannot have.
+            not an integer >= 0, or a planner that selects by itself cannot have an option.
         StorageError: The trace cannot be written.
         NoPathError: No path joins start and goal: to the oracle's resolution, if ``measure`` is on, or
             because a guiding space has proved it; then the error has the `SearchResult` as ``result``.

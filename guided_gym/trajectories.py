@@ -37,7 +37,7 @@ def path_length(space: ConfigurationSpace, path: FloatArray) -> float:
     """Length of a path (n, d) in the space's distance.
 
     Raises:
-        InvalidInputError: It is no (n, d) array of a configuration or more.
+        InvalidInputError: It is not an (n, d) array of at least one configuration.
     """
     path = _waypoints(space, path)
     return float(space.distance(path[:-1], path[1:]).sum())
@@ -52,7 +52,7 @@ def shortcut(
     Args:
         space: The configuration space.
         path: (n, d) a free path.
-        rng: Which two waypoints to look at.
+        rng: Draws the two waypoints to look at.
         attempts: How often to try.
 
     Raises:
@@ -82,7 +82,7 @@ def smooth(
     Args:
         space: The configuration space.
         path: (n, d) a free path; its ends stay.
-        rng: Which places to look at.
+        rng: Draws the places to look at.
         attempts: How often to try.
         room: Clearance that a new motion has to have, within a tenth (length). The shortest paths touch
             corners; where the path itself has less, it stays as it is.
@@ -190,7 +190,7 @@ def headings(space: ConfigurationSpace, path: FloatArray) -> FloatArray:
     direction is kept.
 
     Raises:
-        InvalidInputError: It is no (n, d) array of two configurations or more.
+        InvalidInputError: It is not an (n, d) array of at least two configurations.
     """
     change = np.diff(space.robot.position(_waypoints(space, path, 2)), axis=0)
     moves = np.hypot(*change.T) > 1e-12 * space.extent
@@ -322,8 +322,8 @@ def time_path(
 
     Corners are rounded by parabolas, as far as there is proof of room for them; at a corner without room the
     robot stops. Along the rounded path toppra finds the fastest speeds; between its grid points the
-    acceleration along the path is constant. The limits hold at every time: if they were passed between grid
-    points, the whole path is slowed down by as much.
+    acceleration along the path is constant. The limits hold at every time: if they would be passed between
+    grid points, the whole path is slowed down by as much.
 
     Args:
         space: The configuration space.

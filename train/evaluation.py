@@ -98,7 +98,7 @@ def evaluate(
     Args:
         environments: Names from the catalogue.
         guidances: Names (with options, see `GuidanceSpec.parse`) or specs.
-        seeds: How many, counted from 0, or which. Seed k poses the problem of ``env.reset(seed=k)``.
+        seeds: How many, from 0 on, or which ones. Seed k poses the problem of ``env.reset(seed=k)``.
         workers: Processes, or another executor, such as `guided_gym.OnRay`.
         out: Folder of the results file; None keeps nothing.
         settings: Limits, expansion and metric.
@@ -113,7 +113,7 @@ def evaluate(
         UnknownNameError: No environment, guidance or option of that name.
         InvalidInputError: A seed, a setting or a number of workers is out of range.
         StorageError: The results file or database is corrupt, foreign or not accessible.
-        NoPathError: The one problem of an environment, or every one that was asked for, has no path.
+        NoPathError: The only problem of an environment, or every problem that was asked for, has no path.
     """
     import_modules(imports)
     names = [environments] if isinstance(environments, str) else list(dict.fromkeys(environments))

@@ -58,7 +58,7 @@ class Answer:
         length: Length of the path in the space's distance; NaN without one.
         clearance: Least distance to obstacles and bounds along it, never too large; NaN without a path.
         samples: Samples drawn in all.
-        searches: Searches run: more than one where there was time to go on after the first path.
+        searches: Searches that were run: more than one if there was time left after the first path.
         preparation: Seconds before the first search, in which the guiding space got ready.
         seconds: Seconds in all, preparation included.
         history: (k, 3) seconds, samples and length of each path that was shorter than all before.
@@ -110,7 +110,7 @@ class Planner:
     """Plans in one space: what does not depend on the task is prepared once and kept.
 
     Args:
-        problem: Its robot, environment and metric, and its rule of when a goal counts as reached.
+        problem: It gives robot, environment and metric, and the rule for reaching a goal.
         guidance: Name of a guiding space, with options as on the command line, or `AUTO`.
         step: Radius of an expansion; the `scale` of the space by default.
         max_samples: Samples after which a search gives up.

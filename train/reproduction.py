@@ -118,7 +118,7 @@ def reproduce(
         seeds: Searches per problem and guidance.
         workers: Processes, or another executor, such as `guided_gym.OnRay`.
         out: Folder of the results and of the path database, which is built first if it is not there.
-        baselines: Whether to run goal_distance and uninformed on every problem too.
+        baselines: Whether to run goal_distance and uninformed on every problem, too.
         progress: Called with (done, total, what is going on).
 
     Raises:

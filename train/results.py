@@ -125,9 +125,10 @@ class Run:
         solved: Whether a path was found.
         samples: Samples drawn; the limit where unsolved.
         nodes: Nodes of the tree at the end.
-        total_efficiency: Sum of SE over the samples, nats; 0 per sample after the end. Of selections, or of
-            expansions where the protocol says so.
-        best_possible: Sum of -log max Q over the samples: the least that any choices on these trees had.
+        total_efficiency: Sum of SE over the samples, nats; 0 per sample after the end. It is that of
+            selections, or of expansions if the protocol says so.
+        best_possible: Sum of -log max Q over the samples: the least that any choices on these trees could
+            have.
         collision_checks: Motions checked.
         seconds: Wall time of the search, oracle and metric excluded.
         preparation: Wall time before it, for the guidance to build its roadmap or query its database.
@@ -221,7 +222,7 @@ class Results:
     """The runs of an evaluation, complete unless it was interrupted.
 
     Attributes:
-        runs: In the order of environments, guidances and seeds that was asked for.
+        runs: The runs, in the order of environments, guidances and seeds that was asked for.
         max_samples: Limit on the samples of each search.
         skipped: Environment to seed to why its problem was left out: it cannot be posed, or has no path.
         protocol: What SE is of, see `guided_gym.train.protocols`.
@@ -261,7 +262,7 @@ class Results:
         """The runs of one pair, by seed.
 
         Raises:
-            InvalidInputError: There is none.
+            InvalidInputError: There are no such runs.
         """
         runs = [run for run in self.runs if (run.environment, run.guidance) == (environment, guidance)]
         if not runs:

@@ -148,7 +148,7 @@ def single_step(
         guidances: The guidances that are judged.
         harvesters: The guidances whose searches grow the trees; if empty, those that are judged.
         seeds: How many, counted from 0, or which; each is a search of every harvester.
-        moments: Trees that are taken of a search.
+        moments: Trees to take from a search.
         workers: Processes, or another executor, such as `guided_gym.OnRay`.
         settings: Limits, expansion and metric of the searches.
         imports: Modules to import first, here and in the workers.

@@ -83,7 +83,7 @@ class GuidanceSpec:
         """The tree of name and options.
 
         Raises:
-            InvalidInputError: The name is no expression.
+            InvalidInputError: The name is not an expression.
         """
         from guided_gym.guidance.registry import read_guidance
 
@@ -237,13 +237,13 @@ class EvaluationSettings:
 
     Attributes:
         max_samples: Samples after which a search gives up.
-        expansion: Who proposes x_new: None for the guidance itself, ``"uniform"``, or a guidance's name.
+        expansion: What proposes x_new: None for the guidance itself, ``"uniform"``, or a guidance's name.
         step: Radius of the local planner's ball; None for its default.
         candidates: Members of N_C(v) that a guided expansion looks at.
         goal_tolerance: Distance to the goal that counts as having reached it; None for what the problem says.
         rewire: Whether new nodes rewire the tree.
         target: Parameters of the target distribution Q.
-        distributions: Whether to measure D_KL and D_JS of each guidance's whole distribution P too.
+        distributions: Whether to measure D_KL and D_JS of each guidance's whole distribution P, too.
         goal_edge: Whether a valid edge to the goal ends a search; None likewise.
         protocol: What is compared: ``"whole"``, ``"selection"`` or ``"expansion"``, see
             `guided_gym.train.protocols`.

@@ -25,7 +25,7 @@ ROADMAP: Final = 1000  # vertices of the roadmap that says whether a robot with 
 class ProblemDistribution(ABC):
     """A distribution D over problems, indexed by seed: the same seed is the same problem everywhere.
 
-    A subclass writes `sample`; `draw` and `problem` pass over what cannot be measured.
+    A subclass writes `sample`; `draw` and `problem` skip problems that cannot be measured.
 
     Attributes:
         name: What tables, databases and figures call it.
@@ -159,7 +159,7 @@ class OtherTasks(ProblemDistribution):
 class ProblemList(ProblemDistribution):
     """A distribution over a numbered list of problems: seed k is problem k, modulo their number.
 
-    A problem asked for by its number is never drawn again, whatever it is like: benchmarks are such lists.
+    The problem with a number stays the same, even if it has no path: benchmarks are such lists.
     """
 
     @abstractmethod

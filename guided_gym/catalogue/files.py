@@ -371,19 +371,19 @@ class ProblemFile(_Model):
     Attributes:
         format: "guided-gym problem 1".
         name: What tables and figures call the problem.
-        units: Of lengths and angles.
+        units: Units of lengths and angles.
         origin: Where (0, 0) lies in the world (x, y, in the file's unit); kept, never applied.
         bounds: xmin, ymin, xmax, ymax; those of the map by default.
         start: Configuration s: x, y and, for a robot that turns, its heading.
         goal: Configuration t.
-        goals: Several of them in place of one: a task to each, from the same start.
+        goals: Several goals in place of one: a task for each, all from the same start.
         goal_rule: When the goal counts as reached.
         metric: Weights of the distance.
         robot: The robot.
         map: A map file, whose obstacles are added.
         obstacles: Polygons.
         regions: Named parts of the workspace.
-        room: Of an arm in space, instead of bounds, map and obstacles.
+        room: The room of an arm in space, instead of bounds, map and obstacles.
         arm: An arm in space, instead of a robot.
     """
 

@@ -53,13 +53,13 @@ class MapOptions:
     """What a map does not say by itself.
 
     Attributes:
-        unknown: ``"occupied"`` or ``"free"``: what cells of which nothing is known count as.
+        unknown: ``"occupied"`` or ``"free"``: what unknown cells count as.
         threshold: Probability from which a cell counts as occupied.
         simplify: Boundaries of a raster may move by half of this (length).
         speckles: Parts of fewer cells than this are left out.
-        resolution: Side of a cell of a picture or array (length); maps that say it themselves win.
+        resolution: Side of a cell of a picture or array (length); a map's own value wins.
         bounds: Bounds of a map without any.
-        margin: Where there are none: room around the obstacles, as a share of their extent.
+        margin: Room around the obstacles of a map without bounds, as a share of their extent.
         geographic: Whether GeoJSON has longitude and latitude; they become metres around the map's centre.
         repair: Whether polygons that cross themselves are mended; else they are refused.
     """

@@ -236,17 +236,18 @@ def build_problem_set(
             process.
         count: How many problems.
         first: Seed of the first.
-        goal_tolerance: Another rule of when a goal is reached than the problems have, see `Problem.ending`.
+        goal_tolerance: Another rule for reaching a goal than the problems' own, see `Problem.ending`.
         goal_edge: Likewise.
         workers: Processes (with 1, this one does the work), or another executor.
-        prepare: Called once in each process, like to import modules that register distributions.
+        prepare: Called once in each process, for example to import modules that register distributions.
         progress: Called with (problems done, problems asked for).
 
     Raises:
         UnknownNameError: No distribution of that name.
         InvalidInputError: A number out of range, or the file holds problems of another distribution, seed or
             rule.
-        StorageError: The file is foreign or damaged, cannot be written, or is being written by somebody else.
+        StorageError: The file is foreign or damaged, cannot be written, or is being written by another
+            process.
         GuidedGymError: A worker died.
     """
     path = Path(path)

@@ -151,10 +151,10 @@ def register_distribution(
     Args:
         name: A word without ``@``, commas or blanks.
         factory: Makes the distribution. Registering the same function again changes nothing.
-        replace: Whether it may take the place of another distribution of that name.
+        replace: Whether it may replace another distribution of that name.
 
     Raises:
-        InvalidInputError: No name, one that is taken, or no function.
+        InvalidInputError: The name is not a word, or is taken, or the factory is not a function.
     """
     if not isinstance(name, str) or not name or set(name) & set("@, "):
         raise InvalidInputError(f"name: expected a word without '@', ',' or blanks, got {shown(name)}")

@@ -55,7 +55,7 @@ class OnRay:
         workers: Cores of the cluster that is started here.
 
     Raises:
-        InvalidInputError: A number that is not positive.
+        InvalidInputError: The number of workers is not positive.
     """
 
     address: str | None = None
@@ -74,7 +74,7 @@ class OnRay:
         """See `guided_gym.compute.workers.worker_pool`.
 
         Raises:
-            GuidedGymError: Ray is not installed, nobody answers, or a node has another version.
+            GuidedGymError: Ray is not installed, no cluster answers, or a node has another version.
         """
         check_importable(prepare)
         ray = _ray()

@@ -112,7 +112,7 @@ def worker_pool(
 class Local:
     """Processes on this machine.
 
-    They end by themselves when this process is killed.
+    The processes end by themselves when this one is killed.
 
     Attributes:
         workers: How many; with 1, this process does the work, in order. More are spawned, not forked: a fork

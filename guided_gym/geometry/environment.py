@@ -160,7 +160,7 @@ class Environment:
         """The environment with obstacles that are smaller by a margin (length) all around; thin ones vanish.
 
         Raises:
-            InvalidInputError: The margin is no finite number.
+            InvalidInputError: The margin is not a finite number.
         """
         margin = number("margin", margin, what="length")
         smaller = (o.buffer(-margin, join_style="mitre") for o in self.obstacles)

@@ -94,7 +94,7 @@ class Linkage(Mechanism):
         mobile: Whether the base moves; else the offsets of joints on the base are places in the workspace.
         self_collision: Whether bodies must not touch each other. Bodies on one joint, or on a joint and its
             parent, always may.
-        name: For people; no part of the robot's identity.
+        name: A name for people, which is no part of the robot's identity.
 
     Raises:
         InvalidInputError: There is no joint or no body, one of them refers to a joint that comes later or
@@ -151,7 +151,7 @@ class Linkage(Mechanism):
             limits: (low, high), one angle for both sides, or None for a joint that turns freely: for all
                 joints, or a list with one for each. At 0 all links are in line.
             self_collision: Whether links that are not neighbours must not touch each other.
-            name: For people.
+            name: A name for people.
 
         Raises:
             InvalidInputError: No lengths, or any that is not positive; a negative width; other limits.

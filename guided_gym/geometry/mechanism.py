@@ -33,7 +33,7 @@ class Mechanism(ABC):
     """A robot r (paper, section "Preliminaries"), as configuration spaces, searches and pictures see it.
 
     Attributes:
-        name: For people; no part of the robot's identity.
+        name: A name for people, which is no part of the robot's identity.
         self_collision: Whether some of its bodies must not touch each other.
         in_space: Whether it moves in space, among the solids of a `SpatialEnvironment`.
     """
@@ -148,7 +148,7 @@ class Mechanism(ABC):
         """One finite configuration.
 
         Raises:
-            InvalidInputError: It is none.
+            InvalidInputError: It is not one.
         """
         pose = np.asarray(q, dtype=np.float64)
         if pose.shape != (self.dimension,) or not np.isfinite(pose).all():

@@ -36,7 +36,7 @@ class Robot(Mechanism):
         outline: Point, LineString or simple Polygon without holes, in the body frame. A collection, as from
             `shapely.make_valid`, stands for its polygon if it has just one.
         dimension: 2 (translates only) or 3 (translates and turns).
-        name: For people; no part of the robot's identity.
+        name: A name for people, which is no part of the robot's identity.
 
     Raises:
         InvalidInputError: The outline is empty, non-finite, self-intersecting, has holes or is of another

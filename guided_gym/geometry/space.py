@@ -56,14 +56,15 @@ class ConfigurationSpace:
 
     A pose is valid iff the robot is more than `tolerance` away from all obstacles and inside the bounds by as
     much, its joints are within their limits, and, if it is asked for, its own bodies are more than
-    `tolerance` apart. Motions are certified, never sampled: none is called free that comes as near anywhere.
+    `tolerance` apart. Motions are certified, never sampled: a motion that comes as near anywhere is never
+    called free.
 
     Attributes:
         robot: The robot r.
         environment: The environment E.
         dimension: d.
-        rotation_weight: w as it was asked for; None for the default.
-        names: (d,) what each coordinate is called.
+        rotation_weight: w as it was given; None for the default.
+        names: (d,) names of the coordinates.
         lower: (d,) smallest value of each coordinate.
         upper: (d,) largest value (exclusive for the angle).
         periods: (d,) period of each coordinate, 0 where it has none.
@@ -122,9 +123,9 @@ class ConfigurationSpace:
     def room(self) -> float:
         """The longest step that suits the free space between the obstacles (length).
 
-        Twice the area of the free space by the length of its boundary: the width of a corridor, half the
-        side of a square room. For a robot of some size as much less as it is wide, but not less than three
-        of its radii where the width allows them: longer motions than these rarely fit through a door.
+        Twice the area of the free space over the length of its boundary: the width of a corridor, or half the
+        side of a square room. For a robot of some size as much less as it is wide, but not less than three of
+        its radii where the width allows them: longer motions than these rarely fit through a door.
         """
         width, radius = self.environment.width, self.robot.radius
         return float(min(width, max(width - 2.0 * radius, 3.0 * radius)))
@@ -133,7 +134,8 @@ class ConfigurationSpace:
     def scale(self) -> float:
         """A length that is natural here: 5 % of the diagonal of the bounds, or `room` where that is less.
 
-        It is the default step. Guiding spaces measure in it what a failure teaches, whatever the step.
+        It is the default step. Guiding spaces use it as the unit of what a failure teaches, whatever the
+        step.
         """
         return min(0.05 * self.extent, self.room)
 
@@ -195,7 +197,7 @@ class ConfigurationSpace:
         """Draw n configurations (n, d), uniform over all coordinates' ranges; not checked for validity.
 
         Raises:
-            InvalidInputError: ``n`` is negative, or so many would take more memory than is allowed.
+            InvalidInputError: ``n`` is negative, or would take more memory than is allowed.
         """
         n = count("n", n, least=0, each=8 * self.dimension, what="so many configurations")
         return self.lower + rng.random((n, self.dimension)) * (self.upper - self.lower)

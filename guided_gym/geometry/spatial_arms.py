@@ -48,7 +48,7 @@ class SpatialJoint:
         offset: Where it is in the frame of the joint before it (length).
         axis: What it turns about or slides along, in its own frame; made to length 1.
         turned: Rotation matrix (3 rows of 3) of its own frame in that of the joint before it, where its value
-            is 0; `rotation` makes one of roll, pitch and yaw.
+            is 0; `rotation` makes one from roll, pitch and yaw.
         limits: Smallest and largest value (radians, or length); None where it turns freely.
         slides: Whether it slides.
         name: What messages and columns call it; ``joint<k>`` unless given.
@@ -156,13 +156,13 @@ class SpatialArm(Mechanism):
     by the reach of what the joint carries. `SpatialArm.from_urdf` reads one from a file.
 
     Attributes:
-        joints: The joints, from the base on, in whose frame the first one stands.
+        joints: The joints, from the base on; the first one stands in the frame of the base.
         bodies: What may collide. Bodies that stay with the base are not checked against the solids.
         tool: The point whose place is the robot's: the index of its joint, and the point there.
         self_collision: Whether bodies must not touch each other. Bodies on one joint or on neighbours always
             may.
         ignored: Pairs of bodies that may touch all the same, by their indices.
-        name: For people; no part of the robot's identity.
+        name: A name for people, which is no part of the robot's identity.
 
     Raises:
         InvalidInputError: There is no joint or no body, an index does not exist, two joints have the same
@@ -400,7 +400,7 @@ class SpatialArm(Mechanism):
         """The arm of the first joints alone; its tool is where the next one is, unless it is before that.
 
         Raises:
-            InvalidInputError: There is nothing on them.
+            InvalidInputError: No body is on those joints.
         """
         tool = self.tool if self.tool[0] < links else (links - 1, self.joints[links].offset)
         kept = [k for k, body in enumerate(self.bodies) if body.joint < links]

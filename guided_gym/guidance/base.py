@@ -39,7 +39,7 @@ class GuidingSpace(ABC):
 
     Attributes:
         name: The name in tables and on the command line.
-        expression: The expression that it was made of, for messages; empty if of none.
+        expression: The expression that it was made from, for messages; empty without one.
         no_path: Why no path joins start and goal in C, once this guiding space has proved it: the search
             then ends. None until then.
     """

@@ -43,7 +43,7 @@ class Lesson:
     Attributes:
         node: Whether it is about the node that failed to expand; else about the configuration where it
             collided.
-        reach: How far around it ways get costlier; 0 for only the way that begins there.
+        reach: How far around it ways get costlier; 0 for the way that begins there, alone.
         factor: How many times costlier; infinite forbids.
         check: How far around the collision the ways that run there are validated; 0 for not at all.
     """
@@ -71,13 +71,13 @@ class Composed(GuidingSpace):
     """A guiding space S = (r', E') with h(x) = d_S(P(x), P(t)), as a solver sees it (paper, Section 4).
 
     Args:
-        solver: Who works out the cost-to-go on the easier problem.
-        robot: r -> r', and the projection.
-        environment: E -> E'.
+        solver: It gives the cost-to-go of the easier problem.
+        robot: The modification r -> r', and the projection.
+        environment: The modification E -> E'.
         lesson: What a failure teaches; by default `FORBID` where the robot is the same and E' optimistic,
             `AVOID` elsewhere.
-        fallback: Who guides while the solver sees no way from any node. If None, all nodes are equally good
-            then.
+        fallback: The guiding space while the solver sees no way from any node. If None, all nodes are equally
+            good then.
         detour: Weight of a node's suboptimality beside its cost-to-go, both as the solver sees them.
         temperature: See `GuidingSpace`.
         expansion_penalty: What each expansion of a node adds to its h, in natural lengths of the space.

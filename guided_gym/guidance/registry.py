@@ -109,10 +109,10 @@ def register_guidance(maker: M, name: str | None = None, *, replace: bool = Fals
         maker: A subclass of `GuidingSpace`, or a *recipe*: a function with keyword options that returns a
             guiding space. Registering the same one again, from a module loaded anew, is fine.
         name: Its name; that of the class (``cls.name``) or function if None.
-        replace: Whether it may take the place of another of that name.
+        replace: Whether it may replace another one of that name.
 
     Raises:
-        InvalidInputError: Nothing of the kind, or the name is missing, taken, or means something in an
+        InvalidInputError: It is neither of these, or the name is missing, taken, or means something in an
             expression.
     """
     if isinstance(maker, type) and issubclass(maker, GuidingSpace):
@@ -133,7 +133,7 @@ def register_solver(maker: M, name: str, *, replace: bool = False) -> M:
         maker: A class with the methods of `CostToGo`, or a function that makes one. Its keyword options are
             options of the guiding space, too.
         name: Its name.
-        replace: Whether it may take the place of another of that name.
+        replace: Whether it may replace another one of that name.
 
     Raises:
         InvalidInputError: It lacks a method, or the name is taken or means something in an expression.
@@ -151,7 +151,7 @@ def register_robot(maker: M, name: str, *, replace: bool = False) -> M:
     Args:
         maker: A class with the methods of `RobotModification`, or a function that makes one.
         name: Its name.
-        replace: Whether it may take the place of another of that name.
+        replace: Whether it may replace another one of that name.
 
     Raises:
         InvalidInputError: It lacks a method, or the name is taken or means something in an expression.
@@ -167,7 +167,7 @@ def register_environment(maker: M, name: str, *, replace: bool = False) -> M:
     Args:
         maker: A class with the methods of `EnvironmentModification`, or a function that makes one.
         name: Its name.
-        replace: Whether it may take the place of another of that name.
+        replace: Whether it may replace another one of that name.
 
     Raises:
         InvalidInputError: It lacks a method, or the name is taken or means something in an expression.

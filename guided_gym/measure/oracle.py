@@ -56,7 +56,7 @@ class Oracle:
     Attributes:
         space: The configuration space.
         goal: (d,) the goal t.
-        options: Method, resolution, error asked for, budget.
+        options: Method, resolution, the error that is asked for, and budget.
     """
 
     def __init__(
@@ -110,7 +110,7 @@ class Oracle:
         """An oracle made of what `kept` returned. Nothing is solved if the distances are in it.
 
         Raises:
-            StorageError: Of a kind that is not known, from another version of the solver, or of another
+            StorageError: Its kind is not known, or it comes from another version of the solver or another
                 space.
         """
         if kept.kind not in _KINDS:
@@ -130,7 +130,7 @@ class Oracle:
     def state(self) -> OracleState:
         """What `guided_gym.kernels.cost_query.cost_to_go_one` takes, for compiled callers.
 
-        Where there is no grid, it knows no way from anywhere: such callers then ask `cost_to_go`.
+        Without a grid it knows no way from anywhere: such callers then ask `cost_to_go`.
         """
         return self._solution.state
 

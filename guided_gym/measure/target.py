@@ -132,7 +132,7 @@ def sampling_efficiency(p: ArrayLike, q: ArrayLike) -> float:
         q: (n,) the target Q.
 
     Raises:
-        InvalidInputError: One is no distribution, or the two are over different numbers of nodes.
+        InvalidInputError: One is not a distribution, or the two are over different numbers of nodes.
     """
     p, q = _paired(p, q)
     log_q = np.log(q, out=np.full(q.size, -np.inf), where=q > 0)

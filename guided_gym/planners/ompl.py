@@ -223,7 +223,7 @@ class OmplPlanner(WatchedPlanner):
     rule of the task, as for guiding spaces: where it has ``goal_edge``, as soon as a node sees the goal.
 
     Args:
-        planner: OMPL's name of it.
+        planner: OMPL's name of the planner.
         parameters: Its own parameters; None for OMPL's default. ``range`` is the step of the search by
             default, as for guiding spaces, and 0 for OMPL's own choice (20 % of the extent).
         resolution: 0 for certified motions; else how finely motions are sampled, relative to the extent, as
@@ -340,7 +340,7 @@ class OmplPlanner(WatchedPlanner):
 
         Args:
             problem: The problem.
-            seed: As that of `guided_search`: the same seed has OMPL draw the same numbers.
+            seed: As in `guided_search`: with the same seed, OMPL draws the same numbers.
             step: The range; the `scale` of the space by default.
             by_states: Whether OMPL asks for each state of a motion; else we look at all of them in one call,
                 the same ones. Certified motions are always one call.

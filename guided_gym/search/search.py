@@ -145,7 +145,7 @@ class Search:
         """An independent copy that will draw the same random numbers, as tree search over searches needs it.
 
         Problem and space are shared. Guiding spaces that learn from this search are copied with it, which
-        takes as long as what they hold is large; without any it takes some 50 us.
+        takes longer the more they hold; without any, it takes some 50 us.
         """
         other = copy.copy(self)
         other.tree = self.tree.clone()
@@ -204,10 +204,10 @@ class Search:
         It also ends if the guide has proved that there is no path; then `no_path` says why.
 
         Args:
-            guide: Who selects; attached already.
+            guide: What selects the nodes; attached already.
             limit: Samples after which to give up.
-            propose: Who proposes x_new; the guide itself if None, in bursts where it can.
-            watcher: Who measures.
+            propose: What proposes x_new; the guide itself if None, in bursts where it can.
+            watcher: What measures the search.
             progress: Called with the number of samples so far.
             stop: Asked before each sample or burst whether to end, in place of whether the goal is reached.
         """
@@ -272,7 +272,7 @@ class Search:
         """Refuse anything but a node of the tree: kernels would read beyond the tree.
 
         Raises:
-            InvalidInputError: It is none.
+            InvalidInputError: It is not one.
         """
         self.tree.check_node(node)
 

@@ -157,7 +157,7 @@ class SearchTree:
         """Refuse anything but a node of this tree: kernels would read beyond it.
 
         Raises:
-            InvalidInputError: It is none.
+            InvalidInputError: It is not one.
         """
         if not ((type(node) is int or isinstance(node, int | np.integer)) and 0 <= node < self._n):
             raise InvalidInputError(f"node: expected an integer, 0 to {self._n - 1}, got {shown(node)}")
@@ -177,7 +177,7 @@ class SearchTree:
         """Append q as a child of ``parent`` over an edge of the given length; returns its index.
 
         Raises:
-            InvalidInputError: There is no such node, ``q`` is no configuration, or the length is none.
+            InvalidInputError: There is no such node, ``q`` is not a configuration, or the length is not one.
         """
         self.check_node(parent)
         q = self.space.configuration(q)
@@ -223,7 +223,7 @@ class SearchTree:
         The caller vouches that the edge is free and that ``parent`` is no descendant of ``node``.
 
         Raises:
-            InvalidInputError: There is no such node, or the length is none.
+            InvalidInputError: There is no such node, or the length is not one.
         """
         self.check_node(node)
         self.check_node(parent)
@@ -271,7 +271,7 @@ class SearchTree:
         """Take in the nodes and failures that a kernel has written behind the last ones.
 
         Raises:
-            InvalidInputError: More than there is room for.
+            InvalidInputError: There is no room for so many.
         """
         spare = self.nodes.parents.size - self._n, self.failed.nodes.size - self._failed
         for name, value, most in zip(("nodes", "failures"), (nodes, failures), spare, strict=True):
