@@ -10,7 +10,7 @@ import gymnasium
 import numpy as np
 from numpy.typing import NDArray
 
-from guided_gym.checks import shown
+from guided_gym.checks import integer, shown
 from guided_gym.doors import door, doors
 from guided_gym.envs.guided_search_env import GuidedSearchEnv
 from guided_gym.errors import GuidedGymError, InvalidInputError, UnknownOptionError
@@ -129,7 +129,7 @@ class RandomAgent:
     ) -> None:
         self.name = "masked_random" if masked else "random"
         self._masked = masked
-        self._rng = np.random.default_rng(seed)
+        self._rng = np.random.default_rng(None if seed is None else integer("seed", seed, least=0))
         self._env: gymnasium.Env[Any, Any] | None = None
         self._weights = False
         if env is not None:

@@ -78,8 +78,12 @@ def _methods() -> Iterator[tuple[str, Callable[..., Any]]]:
     good = _good()
     problem = good["problem"][0]
     search = gg.Search(problem, np.random.default_rng(0), np.random.default_rng(1))
+    arm, spatial = (gg.make_distribution(name).problem(0) for name in ("PlanarArm4", "SpatialArm"))
     for thing in (problem, problem.space, problem.environment, problem.robot, problem.task, search,
-                  search.tree, search.planner, gg.make_distribution("Cup"), gg.Measure(search)):  # fmt: skip
+                  search.tree, search.planner, gg.make_distribution("Cup"), gg.Measure(search), arm.robot,
+                  arm.space, spatial.robot, spatial.space, spatial.environment,
+                  gg.make_distribution("RandomMaze"),
+                  gg.Oracle(problem.space, problem.task.goal)):  # fmt: skip
         for member in dir(type(thing)):
             value = getattr(type(thing), member)
             if not member.startswith("_") and inspect.isfunction(value):

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import pickle
 import signal
 import sqlite3
 import subprocess
@@ -17,6 +18,8 @@ from typing import Any
 import numpy as np
 
 from faults.tally import Tally
+from guided_gym.catalogue import problem_set
+from guided_gym.storage.record_file import RecordFile
 
 _COMMAND = [sys.executable, "-m", "guided_gym.train.cli"]
 _LONGEST = 300.0  # seconds that a command may take
@@ -49,21 +52,29 @@ def _database(folder: Path, paths: int = 30) -> list[str]:
     ]
 
 
-def _train(folder: Path) -> list[str]:
-    sizes = [
-        "--problems",
-        "4",
-        "--validation",
-        "2",
-        "--decoder-epochs",
-        "1",
-        "--rounds",
-        "1",
-        "--searches",
-        "4",
-    ]
-    return [*_COMMAND, "train", "imitation", "RandomSimplePassage", *sizes, "--cells", "16",
-            "--headings", "8", "--out", str(folder / "run")]  # fmt: skip
+def _problems(folder: Path) -> list[str]:
+    asked = ["problems", "build", "RandomSimplePassage", "--count", "24"]
+    return [*_COMMAND, *asked, "--out", str(folder / "p.problems")]
+
+
+def _training(kind: str, environment: str, sizes: str) -> Callable[[Path], list[str]]:
+    """A command that trains; sizes as on the command line."""
+
+    def command(folder: Path) -> list[str]:
+        return [*_COMMAND, "train", kind, environment, *sizes.split(), "--out", str(folder / "run")]
+
+    return command
+
+
+_FIELD = " --cells 16 --headings 8"
+_IMITATION = "--problems 4 --validation 2 --decoder-epochs 1 --rounds 1 --searches 4" + _FIELD
+_MOTIONS = (
+    "--problems 2 --motions 200 --validation 1 --belief-steps 20 --estimate-steps 20 --rounds 1 --searches 1"
+)
+_PPO = (
+    "--steps 256 --copies 2 --rollout 32 --batch 32 --epochs 1 --validation 2 --validate-every 128 "
+    "--max-samples 60 --no-tensorboard"
+)
 
 
 def _rows(folder: Path) -> Any:
@@ -82,10 +93,20 @@ def _weights(folder: Path) -> Any:
     return (folder / "run/agent/weights.safetensors").read_bytes()
 
 
+def _records(folder: Path) -> Any:
+    file = RecordFile(folder / "p.problems", problem_set.WHAT)
+    return {int(key): pickle.dumps(file.record(index)) for index, key in enumerate(file.keys)}
+
+
+# What may be called again to go on. `reproduce` is not among them: it builds a database and evaluates.
 _COMMANDS: dict[str, tuple[Callable[[Path], list[str]], Callable[[Path], Any]]] = {
     "evaluate": (_evaluate, _rows),
     "database build": (_database, _paths),
-    "train imitation": (_train, _weights),
+    "problems build": (_problems, _records),
+    "train imitation": (_training("imitation", "RandomSimplePassage", _IMITATION), _weights),
+    "train motions": (_training("motions", "RandomPlanarArm4", _MOTIONS), _weights),
+    "train hybrid": (_training("hybrid", "RandomSimplePassage", _PPO), _weights),
+    "train ppo": (_training("ppo", "RandomSimplePassage", "--start plain " + _PPO + _FIELD), _weights),
 }
 
 

@@ -6,8 +6,8 @@ argument of another *kind*: a polygon for a problem, text for an array. `door` a
 - What has to be an object of a class of ours is looked at before the call: an isinstance, some 0.1 us.
 - Numbers, text, arrays and all else are looked at only if the call raised an error of Python's or numpy's.
   If one does not fit, the error becomes an `InvalidInputError` that names it. If all fit, but a sequence
-  stands for an array, the call is made again with an array. Else the error goes on: it may be one of the
-  caller's own functions, or ours.
+  stands for an array, or a huge integer for a float, the call is made again with one. Else the error goes
+  on: it may be one of the caller's own functions, or ours.
 
 So a call that works costs next to nothing more.
 """
@@ -349,6 +349,15 @@ def _number(value: Any) -> Any:
     return _integer(value)
 
 
+def _real(value: Any) -> Any:
+    """A number; integers that no array of numpy holds as such become floats."""
+    read = _number(value)
+    try:
+        return float(read) if isinstance(read, int) and read.bit_length() > 63 else read
+    except OverflowError:
+        return _MISFIT
+
+
 def _of(*classes: type) -> Reader:
     return lambda value: value if isinstance(value, classes) else _MISFIT
 
@@ -366,7 +375,7 @@ _PATH: Final = _Kind(_path, "a path")
 _PLAIN: Final[dict[Any, _Kind]] = {
     bool: _Kind(_of(bool, np.bool_), "True or False"),
     int: _Kind(_integer, "an integer"),
-    float: _Kind(_number, "a number"),
+    float: _Kind(_real, "a number"),
     str: _Kind(_of(str), "text"),
     bytes: _Kind(_of(bytes), "bytes"),
     Path: _Kind(_of(os.PathLike), "a path"),

@@ -22,6 +22,7 @@ TRIES: Final = 100
 ROADMAP: Final = 1000  # vertices of the roadmap that says whether a robot with joints has a path
 
 
+@doors
 class ProblemDistribution(ABC):
     """A distribution D over problems, indexed by seed: the same seed is the same problem everywhere.
 

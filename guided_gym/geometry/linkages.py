@@ -269,7 +269,7 @@ class Linkage(Mechanism):
 
     def frames(self, q: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Where each joint's frame is: (..., d) -> origins (..., joints, 2) and headings (..., joints)."""
-        q = np.asarray(q, np.float64)
+        q = self.rows(np.asarray(q, np.float64))
         base, angles = (q[..., :2], q[..., 2:]) if self.mobile else (np.zeros(2), q)
         headings, origins = np.empty(angles.shape), np.empty((*angles.shape, 2))
         for k, joint in enumerate(self.joints):

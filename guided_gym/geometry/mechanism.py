@@ -11,7 +11,7 @@ import numpy.typing as npt
 import shapely
 
 from guided_gym.checks import shown
-from guided_gym.doors import door
+from guided_gym.doors import doors
 from guided_gym.errors import InvalidInputError
 from guided_gym.geometry.environment import Environment
 from guided_gym.kernels.collision import Geometry
@@ -29,6 +29,7 @@ class Coordinates(NamedTuple):
     weights: FloatArray  # (d,) length per unit, in the metric
 
 
+@doors
 class Mechanism(ABC):
     """A robot r (paper, section "Preliminaries"), as configuration spaces, searches and pictures see it.
 
@@ -95,7 +96,6 @@ class Mechanism(ABC):
         gaps: FloatArray = shapely.distance(placed, np.array(environment.obstacles, dtype=object))
         return gaps
 
-    @door
     def side_gaps(self, q: FloatArray, environment: Environment) -> FloatArray:
         """How far it is inside each of `Environment.sides`; negative beyond (length)."""
         xmin, ymin, xmax, ymax = environment.bounds
@@ -132,7 +132,6 @@ class Mechanism(ABC):
     def identity(self) -> Iterator[bytes]:
         """All that decides where the robot's bodies are, for fingerprints."""
 
-    @door
     def rows(self, q: FloatArray) -> FloatArray:
         """Configurations (..., d), or changes of them.
 
@@ -143,7 +142,6 @@ class Mechanism(ABC):
             raise InvalidInputError(f"expected an array of shape (..., {self.dimension}), got {q.shape}")
         return q
 
-    @door
     def checked(self, q: Sequence[float] | FloatArray) -> FloatArray:
         """One finite configuration.
 

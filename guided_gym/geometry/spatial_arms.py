@@ -309,7 +309,7 @@ class SpatialArm(Mechanism):
 
     def frames(self, q: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Where each joint's frame is: (..., d) -> origins (..., n, 3) and rotations (..., n, 3, 3)."""
-        q, chain = np.asarray(q, np.float64), self._chain
+        q, chain = self.rows(np.asarray(q, np.float64)), self._chain
         values = chain.factors * q[..., chain.columns] + chain.shifts
         origin, turned = np.zeros((*q.shape[:-1], 3)), np.broadcast_to(np.eye(3), (*q.shape[:-1], 3, 3))
         origins, rotations = [], []
@@ -380,7 +380,7 @@ class SpatialArm(Mechanism):
 
     def displacement(self, change: FloatArray) -> FloatArray:
         """How far any point moves at most: the sum over the joints of their turns by their reach."""
-        moved: FloatArray = np.abs(change) @ self._moves
+        moved: FloatArray = np.abs(self.rows(change)) @ self._moves
         return moved
 
     @cached_property

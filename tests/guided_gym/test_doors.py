@@ -4,8 +4,10 @@ from __future__ import annotations
 
 from typing import Any
 
+import numpy as np
 import pytest
 
+import guided_gym as gg
 from guided_gym.doors import door
 from guided_gym.errors import InvalidInputError
 
@@ -29,3 +31,37 @@ def test_door__any_fits_any_and_an_error_of_the_caller_goes_on() -> None:
 
     with pytest.raises(KeyError, match="theirs"):
         called(object())
+
+
+def test_door__a_huge_integer_for_a_float_becomes_one() -> None:
+    @door
+    def summed(number: float) -> float:
+        if isinstance(number, int):
+            raise TypeError("as numpy and numba do with integers beyond 64 bits")
+        return number
+
+    assert summed(10**30) == 1e30
+    with pytest.raises(InvalidInputError, match="number: expected a number"):
+        summed(10**400)
+
+
+@pytest.mark.parametrize("robot", ["PlanarArm4", "SpatialArm", "Cup"])
+def test_configurations_of_another_length_are_refused_by_all_that_robots_offer(robot: str) -> None:
+    body = gg.make_distribution(robot).problem(0).robot
+    named = [n for n in ("frames", "position", "tool_at", "displacement", "place") if hasattr(body, n)]
+    for name in named:
+        for q in (np.zeros(2), np.zeros((3, 2)), [0.0, 0.0], (), np.zeros(())):
+            with pytest.raises(InvalidInputError):
+                getattr(body, name)(q)
+
+
+def test_methods_that_a_class_inherits_are_held_to_their_annotations_too() -> None:
+    with pytest.raises(InvalidInputError, match="environment: expected an Environment"):
+        gg.Robot.point().gaps(np.zeros(2), np.float32(0.5))  # type: ignore[arg-type]
+    with pytest.raises(InvalidInputError, match=r"rng: expected a numpy\.random\.Generator"):
+        gg.make_distribution("RandomMaze").draw(7)  # type: ignore[arg-type]
+
+
+def test_a_random_agent_wants_a_seed_that_can_be_one() -> None:
+    with pytest.raises(InvalidInputError, match="seed: expected an integer, at least 0, got -1"):
+        gg.RandomAgent(seed=-1)
