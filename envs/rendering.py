@@ -20,6 +20,7 @@ from guided_gym.checks import shown
 from guided_gym.envs import palette
 from guided_gym.envs.palette import Colour
 from guided_gym.errors import GuidedGymError, InvalidInputError
+from guided_gym.geometry.solids import SpatialEnvironment
 from guided_gym.kernels.pixels import shrink
 from guided_gym.measure.target import Measure
 from guided_gym.search.tree import NO_PARENT
@@ -196,6 +197,10 @@ class _Scene:
 
 
 def _draw_workspace(canvas: _Canvas, environment: Environment) -> None:
+    if isinstance(environment, SpatialEnvironment):
+        for shadow in environment.obstacles:
+            canvas.veil(np.asarray(shadow.exterior.coords), palette.OBSTACLE)
+        return canvas.border(palette.FRAME)
     pieces = [p for p in shapely.get_parts(environment.obstacle_union) if isinstance(p, shapely.Polygon)]
     # The largest first, so that an obstacle within another's hole is drawn after the hole.
     for polygon in sorted(pieces, key=lambda p: -shapely.Polygon(p.exterior).area):
@@ -316,6 +321,16 @@ class _Canvas:
     def polygon(self, ring: Points, colour: Colour) -> None:
         self.surface.set_clip(self._box)
         self._pygame.draw.polygon(self.surface, colour, self.view.pixels(ring).tolist())
+        self.surface.set_clip(None)
+
+    def veil(self, ring: Points, colour: Colour) -> None:
+        """A polygon that lets through what is behind it, with its outline."""
+        pixels = self.view.pixels(ring).tolist()
+        layer = self._pygame.Surface(self.view.canvas_size, self._pygame.SRCALPHA)
+        self._pygame.draw.polygon(layer, (*colour, 56), pixels)
+        self.surface.set_clip(self._box)
+        self.surface.blit(layer, (0, 0))
+        self.polyline(pixels, colour, 0.8)
         self.surface.set_clip(None)
 
     def segment(self, a: list[float], b: list[float], colour: Colour, width: float) -> None:

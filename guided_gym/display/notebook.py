@@ -11,6 +11,7 @@ from guided_gym.display.pages import embedded, escaped, page
 from guided_gym.display.replay import SCRIPTS, note_rest, shown_lines
 from guided_gym.display.svg import Picture, problem_picture
 from guided_gym.geometry.robots import Robot
+from guided_gym.geometry.solids import SpatialEnvironment
 from guided_gym.guidance.cells import Uninformed, Voronoi
 from guided_gym.measure.target import Measure
 from guided_gym.search.search import NO_NODE, Search
@@ -45,10 +46,12 @@ def beside(*parts: str) -> str:
 def problem_html(problem: Problem) -> str:
     """A problem: its picture, and what it consists of."""
     environment, task = problem.environment, problem.task
-    xmin, ymin, xmax, ymax = environment.bounds
+    corners = environment.room if isinstance(environment, SpatialEnvironment) else environment.bounds
+    ends = np.reshape(corners, (2, -1))
+    sides = " x ".join(f"{side:.6g}" for side in ends[1] - ends[0])
     rows: dict[str, object] = {
         "robot": f"{problem.robot.name}, {problem.space.dimension} coordinates",
-        "workspace": f"{xmax - xmin:g} x {ymax - ymin:g}, {len(environment.obstacles)} obstacles",
+        "workspace": f"{sides}, {len(environment.obstacles)} obstacles",
         "start": np.round(task.start, 3).tolist(),
         "goal": np.round(task.goal, 3).tolist(),
     }

@@ -5,7 +5,6 @@ from __future__ import annotations
 import base64
 import struct
 import zlib
-from collections.abc import Iterable
 from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
@@ -13,6 +12,7 @@ import shapely
 from numpy.typing import NDArray
 
 from guided_gym.display.pages import escaped
+from guided_gym.geometry.solids import SpatialEnvironment
 
 if TYPE_CHECKING:
     from guided_gym.problems import Problem
@@ -61,12 +61,13 @@ class Picture:
         return "M" + "L".join(pairs) + ("Z" if closed else "")
 
     def obstacles(self) -> None:
-        """The obstacles."""
-        rings: Iterable[Any] = (
-            ring for one in self._problem.environment.obstacles for ring in (one.exterior, *one.interiors)
-        )
-        data = "".join(self._ring(shapely.get_coordinates(ring)[:-1], True) for ring in rings)
-        self._path(data, f'fill="{_OBSTACLE}" fill-rule="evenodd"')
+        """The obstacles; in space they let through what is behind them."""
+        see_through = isinstance(self._problem.environment, SpatialEnvironment)
+        style = f'fill-opacity="0.22" stroke="{_OBSTACLE}" stroke-width="0.8"' if see_through else ""
+        for one in self._problem.environment.obstacles:  # each a path: where two overlap is no hole
+            rings = (one.exterior, *one.interiors)
+            data = "".join(self._ring(shapely.get_coordinates(ring)[:-1], True) for ring in rings)
+            self._path(data, f'fill="{_OBSTACLE}" fill-rule="evenodd" {style}')
 
     def robot(self, q: Floats, colour: str, filled: bool = False) -> None:
         """The robot at a configuration."""
@@ -113,8 +114,8 @@ class Picture:
     def graph(self, drawing: dict[str, Any]) -> None:
         """A guiding space's graph: what is alive, and what failures removed."""
         ends, alive = drawing["points"][drawing["edges"]], drawing["alive"]
-        many = len(ends) > 500
-        self.segments(ends[alive], _START, 0.5 if many else 1.4, 0.5 if many else 0.9)
+        width, opacity = (1.4, 0.9) if len(ends) <= 500 else (0.5, 0.5) if len(ends) <= 5000 else (0.4, 0.25)
+        self.segments(ends[alive], _START, width, opacity)
         self.segments(ends[~alive], _PATH, 0.5, 0.4)
 
     def field(self, values: Floats, bounds: list[float]) -> None:

@@ -325,11 +325,16 @@ def test_replay__draws_arms_where_they_are(open_page: Any, tmp_path: Path) -> No
         np.testing.assert_allclose(points, corners, atol=1e-9)
 
 
-def test_notebook__a_result_plays_in_a_frame_of_its_own(open_page: Any, tmp_path: Path) -> None:
+@pytest.mark.parametrize(("theme", "paper"), [("light", "rgb(255, 255, 255)"), ("dark", "rgb(20, 23, 28)")])
+def test_notebook__a_result_plays_in_a_frame_of_its_own(
+    open_page: Any, tmp_path: Path, theme: str, paper: str
+) -> None:
     result = guided_search(make_distribution("Cup").problem(0), "medial_axis", seed=0)
     (tmp_path / "page.html").write_text(f"<meta charset=utf-8>{result._repr_html_()}", encoding="utf-8")
-    page = open_page(tmp_path / "page.html")
+    page = open_page(tmp_path / "page.html", theme=theme)
     frame = page.frame_locator("iframe")
+    body = frame.locator("body")  # as the drawing, which is as the system
+    assert body.evaluate("(body) => getComputedStyle(body).backgroundColor") == paper
     frame.get_by_role("button", name="To the start").click()
     assert frame.get_by_role("slider", name="Sample").input_value() == "0"
     frame.get_by_role("button", name="One sample on").click()

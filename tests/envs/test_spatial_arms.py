@@ -26,6 +26,7 @@ from guided_gym import (
 from guided_gym.catalogue.files import load_problem, save_problem
 from guided_gym.display import scene
 from guided_gym.display.svg import problem_picture
+from guided_gym.envs import palette
 from guided_gym.envs.observations import columns_of, node_columns
 from guided_gym.traces.reading import read_trace
 
@@ -160,3 +161,15 @@ def test_a_path_to_a_urdf_file_is_refused_or_taken(tmp_path: Path) -> None:
     env = gymnasium.make("guided_gym/SpatialArm-v0", urdf=path, max_nodes=8, oracle=QUICK)
     assert env.unwrapped.observation_space["start"].shape == (2 + 2 * 2,)
     assert SpatialArm.from_urdf(path).names == ("one", "two")
+
+
+def test_frames_show_what_is_behind_obstacles() -> None:
+    pytest.importorskip("pygame", reason="the extra [render] is not installed")
+    env = gymnasium.make("guided_gym/SpatialArm-v0", max_nodes=8, oracle=QUICK, render_mode="rgb_array")
+    env.reset(seed=0)
+    frame = np.asarray(env.render())
+    env.close()
+    opaque = (frame == palette.OBSTACLE).all(axis=-1).mean()
+    veiled = (np.abs(frame.astype(int) - (210, 211, 212)).max(axis=-1) <= 3).mean()
+    assert opaque < 0.01
+    assert veiled > 0.03

@@ -17,6 +17,7 @@ from guided_gym import (
     Environment,
     Linkage,
     Problem,
+    Robot,
     SearchOptions,
     Task,
     evaluate,
@@ -70,8 +71,23 @@ def test_problem__is_a_picture_and_a_table(problem: Problem) -> None:
     assert {"svg", "table", "title"} <= set(checked(text))
     svg = ElementTree.fromstring(text[text.index("<svg") : text.rindex("</svg>") + 6])
     paths = svg.iter("{http://www.w3.org/2000/svg}path")
-    assert sum(1 for _ in paths) == 3  # all obstacles, start and goal
+    assert sum(1 for _ in paths) == len(problem.environment.obstacles) + 2  # and start and goal
     assert "rectangle" in text and "TrapCup" in text
+
+
+def test_problem__where_obstacles_overlap_is_no_hole() -> None:
+    overlapping = (box(2, 2, 6, 6), box(4, 4, 8, 8))
+    space = Problem(Robot.point(), Environment((0, 0, 10, 10), overlapping), Task([1, 1], [9, 9]), "two")
+    subpaths = [data.count("M") for data in re.findall(r'<path d="([^"]*)"', space._repr_html_())]
+    assert subpaths == [1, 1]
+
+
+def test_problem__in_space_has_its_sides_and_is_seen_through() -> None:
+    problem = make_distribution("SpatialArm").sample(np.random.default_rng(0))
+    text = problem._repr_html_()
+    room = np.array(problem.environment.room)
+    assert " x ".join(f"{side:.6g}" for side in room[3:] - room[:3]) in text
+    assert text.count('fill-opacity="0.22"') == len(problem.environment.obstacles)
 
 
 def test_problem__of_arms_and_points() -> None:
