@@ -6,6 +6,8 @@ import contextlib
 import importlib.util
 import io
 import json
+import os
+import pickle
 import shutil
 import sys
 import tempfile
@@ -18,6 +20,8 @@ import numpy as np
 
 import guided_gym as gg
 from faults.tally import Overtime, Tally, limited
+from guided_gym.catalogue import problem_set
+from guided_gym.storage.record_file import RecordFile
 
 _RUNS_CODE = {
     "pickle.find_class",
@@ -32,6 +36,11 @@ _URDF = """<robot name="arm"><link name="base"/>
 <joint name="turn" type="revolute"><parent link="base"/><child link="hand"/><axis xyz="0 1 0"/>
 <origin xyz="0 0 0.3" rpy="0 0 0"/><limit lower="-1" upper="2" effort="1" velocity="1"/></joint></robot>
 """
+_SUMMED = (
+    "path database", "checkpoint", "training data", "agent weights.safetensors", "problem set",
+    "oracle in the cache",
+)  # fmt: skip
+"""What carries checksums, or is worked out anew: what is read from it is what was written."""
 _seen: list[str] = []
 
 
@@ -66,6 +75,11 @@ def _samples(folder: Path) -> dict[str, tuple[Path, Callable[[Path], Any]]]:
     run = RunFolder(folder / "run", _options(), "test")
     run.save({"steps": 3}, {"w": np.arange(64.0)})
     found["checkpoint"] = folder / "run/checkpoint.safetensors", RunFolder.read
+    run.keep("data/trees-000.safetensors", {"round": 0}, {"w": np.arange(64.0)})
+    found["training data"] = folder / "run/data/trees-000.safetensors", RunFolder.read
+    gg.build_problem_set(folder / "some.problems", "RandomSimplePassage", 2)
+    found["problem set"] = folder / "some.problems", _read_problems
+    found["oracle in the cache"] = _cached_oracle(problem, folder / "cache")
     shutil.copytree(SHIPPED / "point", folder / "agent")
     for name in ("card.json", "weights.safetensors"):
         found[f"agent {name}"] = folder / "agent" / name, lambda p: LearnedAgent.load(p.parent)
@@ -114,6 +128,29 @@ def _read_database(path: Path) -> Any:
         return database.load()
 
 
+def _read_problems(path: Path) -> Any:
+    problems, records = gg.ProblemSet(path), RecordFile(path, problem_set.WHAT)
+    return [(problems[k].fingerprint, records.record(k)) for k in range(len(problems))]
+
+
+def _cached_oracle(problem: gg.Problem, folder: Path) -> tuple[Path, Callable[[Path], Any]]:
+    """What is damaged there is solved again."""
+
+    def read(path: Path) -> Any:
+        before = os.environ.get("GUIDED_GYM_CACHE")
+        os.environ["GUIDED_GYM_CACHE"] = str(folder)
+        try:
+            return gg.Oracle(problem.space, problem.task.goal, resolution=(24, 24, 8)).field.tobytes()
+        finally:
+            if before is None:
+                del os.environ["GUIDED_GYM_CACHE"]
+            else:
+                os.environ["GUIDED_GYM_CACHE"] = before
+
+    read(folder)
+    return next(folder.rglob("*.field")), read
+
+
 def damaged(data: bytes, rng: np.random.Generator) -> bytes:
     """The bytes with damage of one of several kinds."""
     kind, size = int(rng.integers(8)), len(data)
@@ -150,28 +187,37 @@ def mutate(seed: int, share: float) -> list[Tally]:
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)
         for kind, (file, read) in _samples(folder).items():
-            tally = Tally(f"damaged {kind}", "one clear error, or what was written; no code runs; no hang")
+            tally = Tally(
+                f"damaged {kind}",
+                "one clear error, or what was written (what it says, without checksums); no code",
+            )
             whole = file.read_bytes()
             with tally.timed():
-                read(file)
+                written = pickle.dumps(read(file)) if kind in _SUMMED else None
                 for number in range(max(3, round(100 * share))):
                     file.write_bytes(damaged(whole, rng))
                     for other in (f"{file}-wal", f"{file}-shm"):
                         Path(other).unlink(missing_ok=True)
-                    wrong = trouble(read, file)
+                    wrong = trouble(read, file, written)
                     tally.check(wrong is None, f"seed {seed}, {kind}, number {number}: {wrong}")
             file.write_bytes(whole)
             out.append(tally)
     return out
 
 
-def trouble(read: Callable[[Path], Any], file: Path) -> str | None:
-    """What is wrong with how a file is read; None if nothing is, errors of this package included."""
+def trouble(read: Callable[[Path], Any], file: Path, written: bytes | None = None) -> str | None:
+    """What is wrong with how a file is read; None if nothing is, errors of this package included.
+
+    Args:
+        read: What reads it.
+        file: The file.
+        written: What has to come of it, pickled, if anything does; None for anything.
+    """
     _seen.clear()
     try:
         with limited(), warnings.catch_warnings(), contextlib.redirect_stderr(io.StringIO()):
             warnings.simplefilter("ignore")
-            read(file)
+            found = read(file)
     except gg.GuidedGymError as error:
         return (
             None
@@ -182,4 +228,6 @@ def trouble(read: Callable[[Path], Any], file: Path) -> str | None:
         return "took longer than 20 s"
     except Exception as error:
         return f"{type(error).__name__}: {error}"
+    if written is not None and pickle.dumps(found) != written:
+        return "was taken for sound, with something else in it"
     return f"ran {_seen[0]}" if _seen else None

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import pickle
 import sys
 from pathlib import Path
 
@@ -57,6 +58,13 @@ def test_another_error_than_ours_and_a_hang_are_found(tmp_path):
     with pytest.raises(Overtime), limited(0.05):
         while True:
             pass
+
+
+def test_damage_that_is_taken_for_sound_is_found(tmp_path):
+    file = tmp_path / "some"
+    file.write_bytes(b"another")
+    assert "something else" in str(files.trouble(Path.read_bytes, file, pickle.dumps(b"one")))
+    assert files.trouble(Path.read_bytes, file, pickle.dumps(b"another")) is None
 
 
 def test_the_table_says_what_was_tried():
