@@ -25,6 +25,7 @@ def _parts() -> dict[str, Part]:
         "numbers": references.numbers,
         "distances": references.distances,
         "proofs": references.proofs,
+        "trees": references.trees,
         "files": files.mutate,
         "maps": hostile.bad_maps,
         "resets": hostile.resets,

@@ -11,7 +11,13 @@ import shapely.affinity
 
 import guided_gym as gg
 from faults.tally import Tally
+from guided_gym.registration import ENVIRONMENTS
 
+_GUIDANCES = (
+    "uninformed", "goal_distance", "rrt", "prm", "lazy_prm", "medial_axis", "wavefront", "hybrid", "oracle",
+    "wave(robot=disc)", "searched(robot=point, guidance=skeleton)",
+    "hybrid(wave(robot=disc), lazy_prm(vertices=500), rule=bandit)",
+)  # fmt: skip
 _POSES = 200  # along a motion, at which shapely looks
 
 
@@ -183,3 +189,26 @@ def _shortest(room: gg.Environment, start: np.ndarray, goal: np.ndarray) -> floa
     lengths = np.hypot(*(places[i] - places[j]).T)[seen]
     graph = coo_array((lengths, (i[seen], j[seen])), shape=(len(places),) * 2)
     return float(dijkstra(graph, directed=False, indices=0)[1])
+
+
+def trees(seed: int, share: float) -> list[Tally]:
+    """Searches of pairs of problem and guidance, made again after others: the same trees, bit for bit."""
+    tally = Tally("trees of pairs of problem and guidance", "the same seed gives the same tree, bit for bit")
+    rng = np.random.default_rng(seed)
+    names = [name.removeprefix("guided_gym/").removesuffix("-v0") for name in ENVIRONMENTS]
+    rigid = [name for name in names if "Arm" not in name and "Snake" not in name]
+    pairs = [(problem, guidance) for problem in rigid for guidance in _GUIDANCES]
+    with tally.timed():
+        chosen = [pairs[i] for i in rng.permutation(len(pairs))[: max(2, round(len(pairs) * share))]]
+        first = [_tree(*pair, seed) for pair in chosen]
+        again = {k: _tree(*chosen[k], seed) for k in rng.permutation(len(chosen))}
+        for k, pair in enumerate(chosen):
+            tally.check(first[k] == again[k], f"seed {seed}: {pair}")
+    return [tally]
+
+
+def _tree(problem: str, guidance: str, seed: int) -> tuple[bytes, ...]:
+    task = gg.make_distribution(problem).problem(seed % 1000)
+    result = gg.guided_search(task, guidance, seed=seed, max_samples=150)
+    tree, record = result.tree, result.record
+    return tuple(part.tobytes() for part in (tree.configurations, tree.parents, record.efficiency))

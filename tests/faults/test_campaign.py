@@ -19,7 +19,14 @@ from faults import api, files, references
 from faults.__main__ import table
 from faults.tally import Overtime, Tally, limited
 
-PARTS = (references.motions, references.numbers, references.distances, references.proofs, files.mutate)
+PARTS = (
+    references.motions,
+    references.numbers,
+    references.distances,
+    references.proofs,
+    references.trees,
+    files.mutate,
+)
 
 
 @pytest.mark.parametrize("part", PARTS, ids=lambda part: part.__name__)
@@ -48,6 +55,13 @@ def test_a_wrongly_free_motion_is_found(monkeypatch):
 def test_a_wrong_number_is_found(monkeypatch):
     monkeypatch.setattr(references.gg, "target", lambda delta, tau, scale: np.full(len(tau), 1 / len(tau)))
     assert references.numbers(0, 0.05)[0].failures
+
+
+def test_another_tree_is_found(monkeypatch):
+    seeds = iter(range(100))
+    monkeypatch.setattr(references, "_tree", lambda problem, guidance, seed: next(seeds))
+    [tally] = references.trees(0, 0.01)
+    assert len(tally.failures) == tally.tried > 0
 
 
 def test_another_error_than_ours_and_a_hang_are_found(tmp_path):
