@@ -55,8 +55,12 @@ def main() -> None:
             page.get_by_role("button", name="Search", exact=True).click()
             searched(page)
             page.wait_for_timeout(500)
+            # As high as the page: the controls stick to the end of the window.
+            page.set_viewport_size({"width": 1280, "height": page.evaluate("document.body.scrollHeight")})
+            page.wait_for_timeout(500)
             picture = Image.open(io.BytesIO(page.screenshot(full_page=True))).convert("RGB")
-            picture.quantize(COLOURS, dither=Image.Dither.NONE).save(FILE, optimize=True)
+            few = picture.quantize(COLOURS, Image.Quantize.MAXCOVERAGE, kmeans=3, dither=Image.Dither.NONE)
+            few.save(FILE, optimize=True)
             print(f"{FILE}: {picture.size}, {FILE.stat().st_size / 1e3:.0f} kB")
         finally:
             server.terminate()
