@@ -140,7 +140,7 @@ def test_what_cannot_work_is_refused_before_anything_is_written(tmp_path, finish
         with pytest.raises(error, match=match):
             train_hybrid(replace(TINY, **change), out, say=lambda text: None)
         assert not out.exists()
-    with pytest.raises(StorageError, match="another one"):
+    with pytest.raises(StorageError, match="another run's"):
         train_hybrid(replace(TINY, seed=5), finished, say=lambda text: None)
     for change in ({"steps": 0}, {"gamma": 1.5}, {"guides": ("rrt",)}, {"environments": ()}):
         with pytest.raises(InvalidInputError):
