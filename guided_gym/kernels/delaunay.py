@@ -1,5 +1,7 @@
 """The Delaunay triangulation of points in a plane: points go in one by one, and edges flip until none has to.
 
+More points may go in later (`insert`); triangles that they leave alone keep their places in the arrays.
+
 Which side of a line a point is on is exact, since points lie on a grid of integers. An edge flips only where
 rounding leaves no doubt that a circle holds a point, so flips come to an end. Points that lie on one circle
 may be triangulated either way. The order follows a curve that fills the square (Hilbert's), in rounds, each
@@ -13,6 +15,8 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
+from guided_gym.kernels.plain import ZERO
+
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
 Int32s = NDArray[np.int32]
@@ -25,21 +29,19 @@ _INCIRCLE = 12.0 * 2.0**-53  # error of the determinant, as a share of its perma
 
 
 @njit(cache=True)
-def on_grid(points: Floats) -> Ints:
-    """The square's corners and then the points, as integers; a step is 2e-9 of the longer side."""
+def on_grid(points: Floats, box: Floats) -> Ints:
+    """The square's corners and then the points, as integers; a step is 2e-9 of the box's longer side."""
     n = points.shape[0]
     placed = np.empty((CORNERS + n, 2), np.int64)
     for k in range(CORNERS):
         placed[k, 0] = _AROUND if k in (1, 2) else -_AROUND
         placed[k, 1] = _AROUND if k in (2, 3) else -_AROUND
-    if n == 0:
-        return placed
-    low_x, low_y = points[:, 0].min(), points[:, 1].min()
-    side = max(points[:, 0].max() - low_x, points[:, 1].max() - low_y)
+    side = max(box[2] - box[0], box[3] - box[1])
     scale = 2 * _HALF / side if side > 0.0 else 0.0
     for i in range(n):
-        placed[CORNERS + i, 0] = np.int64(np.rint((points[i, 0] - low_x) * scale)) - _HALF
-        placed[CORNERS + i, 1] = np.int64(np.rint((points[i, 1] - low_y) * scale)) - _HALF
+        for k in range(2):
+            step = np.int64(np.rint((points[i, k] - box[k]) * scale)) - _HALF
+            placed[CORNERS + i, k] = min(max(step, -_HALF), _HALF)
     return placed
 
 
@@ -60,9 +62,9 @@ def _along_curve(placed: Ints, v: int) -> int:
 
 
 @njit(cache=True)
-def insertion_order(placed: Ints) -> Ints:
-    """Vertices in rounds of twice as many each, along the curve within a round."""
-    n = placed.shape[0] - CORNERS
+def insertion_order(placed: Ints, begin: int) -> Ints:
+    """Vertices from ``begin`` on, in rounds of twice as many each, along the curve within a round."""
+    n = placed.shape[0] - begin
     keys, last = np.empty(n, np.int64), 0
     while (1 << last) < n:
         last += 1
@@ -74,8 +76,8 @@ def insertion_order(placed: Ints) -> Ints:
         level, bits = last, mixed
         while level > 0 and bits & np.uint64(1):
             level, bits = level - 1, bits >> np.uint64(1)
-        keys[i] = (np.int64(level) << 33) + _along_curve(placed, CORNERS + i)
-    return np.argsort(keys) + CORNERS
+        keys[i] = (np.int64(level) << 33) + _along_curve(placed, begin + i)
+    return np.argsort(keys) + begin
 
 
 @njit(cache=True)
@@ -185,28 +187,62 @@ def _placed_in(
 
 
 @njit(cache=True)
+def box_of(points: Floats) -> Floats:
+    """Lowest and highest coordinates of at least one point: xmin, ymin, xmax, ymax."""
+    xs, ys = points[:, 0], points[:, 1]
+    return np.array([xs.min(), ys.min(), xs.max(), ys.max()])
+
+
+@njit(cache=True)
 def triangulate(points: Floats) -> tuple[Int32s, Int32s]:
     """Delaunay triangles of points and of a square around them.
 
     Points nearer to one another than the grid's step are one, the first.
 
     Args:
-        points: (n, 2) finite.
+        points: (n, 2) finite, at least one.
 
     Returns:
         (t, 3) int32 vertices of each triangle, turning left: 0 to 3 are the square's corners and 4 + i is
         point i. (t, 3) int32 triangle across the side that faces each vertex; -1 for none.
     """
-    placed = on_grid(points)
-    n = points.shape[0]
-    corners, beyond = np.empty((2 + 2 * n, 3), np.int32), np.empty((2 + 2 * n, 3), np.int32)
+    corners, beyond = np.empty((2, 3), np.int32), np.empty((2, 3), np.int32)
     _put(corners, 0, 0, 1, 2)
     _put(corners, 1, 0, 2, 3)
     _put(beyond, 0, -1, 1, -1)
     _put(beyond, 1, -1, -1, 0)
-    count, last = 2, 0
+    return insert(points, int(ZERO), box_of(points), corners, beyond)
+
+
+@njit(cache=True)
+def _with_room(table: Int32s, rows: int) -> Int32s:
+    larger = np.empty((rows, table.shape[1]), np.int32)
+    for t in range(table.shape[0]):
+        for k in range(table.shape[1]):
+            larger[t, k] = table[t, k]
+    return larger
+
+
+@njit(cache=True)
+def insert(points: Floats, begin: int, box: Floats, corners: Int32s, beyond: Int32s) -> tuple[Int32s, Int32s]:
+    """Put more points into a triangulation.
+
+    Args:
+        points: (n, 2) all of them, in the box.
+        begin: How many of them it has.
+        box: `box_of` the points that it was begun with.
+        corners: (t, 3) as `triangulate` returns them; left as they are, and so is ``beyond``.
+        beyond: (t, 3) likewise.
+
+    Returns:
+        The same of all points.
+    """
+    placed, count = on_grid(points, box), corners.shape[0]
+    rows = count + 2 * (points.shape[0] - begin)
+    corners, beyond = _with_room(corners, rows), _with_room(beyond, rows)
+    last = 0
     doubtful, open_ = np.empty(64, np.int64), 0
-    for v in insertion_order(placed):
+    for v in insertion_order(placed, begin + CORNERS):
         last, side, on = _found(placed, corners, beyond, v, last)
         if on == 2:
             continue  # a vertex lies there

@@ -42,7 +42,9 @@ def _grown(points: Floats, count: int) -> Floats:
 
 
 @njit(cache=True)
-def facing_feet(samples: Floats, ahead: Floats, apart: Floats, reach: Floats, same: Floats) -> Floats:
+def facing_feet(
+    samples: Floats, ahead: Floats, apart: Floats, reach: Floats, same: Floats, feet: Ints, walls: Ints
+) -> Floats:
     """Feet of samples on the walls that they are nearer to than twice what the samples of either are apart.
 
     Args:
@@ -51,6 +53,8 @@ def facing_feet(samples: Floats, ahead: Floats, apart: Floats, reach: Floats, sa
         apart: (n,) how far each sample may be from the next or the last.
         reach: (n,) how far samples of its wall may be apart.
         same: (n,) distance from samples of its wall at which a foot is none of its own.
+        feet: Samples whose feet are asked for.
+        walls: Samples from which to the next a foot may lie.
 
     Returns:
         (m, 4) sample, sample before the foot, and foot.
@@ -58,16 +62,16 @@ def facing_feet(samples: Floats, ahead: Floats, apart: Floats, reach: Floats, sa
     found, count = np.empty((64, 4)), 0
     low = np.array([samples[:, 0].min(), samples[:, 1].min()])
     size = np.array([samples[:, 0].max() - low[0], samples[:, 1].max() - low[1]])
-    octave = np.floor(np.log2(apart))
+    octave = np.floor(np.log2(apart[feet]))
     for k in np.unique(octave):  # samples that are far apart would make the cells of all large
-        among = np.flatnonzero(octave == k)
+        among = feet[octave == k]
         farthest = 2.0 * 2.0 ** (k + 1.0)
         cell = max(
             farthest, np.sqrt(size[0] * size[1] / among.size), (size[0] + size[1]) / (4.0 * among.size)
         )
         rows, cols = int(size[0] / cell) + 1, int(size[1] / cell) + 1
         first, held = _in_cells(samples, among, low, cell, rows, cols)
-        for i in range(samples.shape[0]):
+        for i in walls:
             ux, uy = ahead[i]
             length = np.hypot(ux, uy)
             if length <= 0.0:
@@ -95,16 +99,31 @@ def facing_feet(samples: Floats, ahead: Floats, apart: Floats, reach: Floats, sa
 
 
 @njit(cache=True)
-def ridges(beyond: Int32s, room: Floats) -> Ints:
-    """Pairs of triangles with a common side whose circles have their centres where there is room: (m, 2)."""
-    pairs, count = np.empty((3 * beyond.shape[0] // 2, 2), np.int64), 0
+def ridges(beyond: Int32s, points: Floats, room: Floats) -> tuple[Int32s, Bools]:
+    """Edges between the centres of circles of triangles with a common side, where both have room.
+
+    Args:
+        beyond: (t, 3) triangle across each side.
+        points: (t, 2) centre of each triangle's circle.
+        room: (t,) clearance there.
+
+    Returns:
+        (m, 2) int32 triangles. (m,) whether the edge leaves the free discs around its ends.
+    """
+    count = 0
     for t in range(beyond.shape[0]):
-        if room[t] > 0.0:
-            for k in range(3):
-                if beyond[t, k] > t and room[beyond[t, k]] > 0.0:
-                    pairs[count, 0], pairs[count, 1] = t, beyond[t, k]
-                    count += 1
-    return pairs[:count]
+        for k in range(3):
+            count += room[t] > 0.0 and beyond[t, k] > t and room[beyond[t, k]] > 0.0
+    pairs, leaves, count = np.empty((count, 2), np.int32), np.empty(count, np.bool_), 0
+    for t in range(beyond.shape[0]):
+        for k in range(3):
+            o = beyond[t, k]
+            if room[t] > 0.0 and o > t and room[o] > 0.0:
+                pairs[count, 0], pairs[count, 1] = t, o
+                length = np.hypot(points[o, 0] - points[t, 0], points[o, 1] - points[t, 1])
+                leaves[count] = length >= max(room[t], room[o])
+                count += 1
+    return pairs, leaves
 
 
 @njit(cache=True)

@@ -18,7 +18,7 @@ from guided_gym.guidance.solvers.base import require_dimensions, require_rigid
 from guided_gym.guidance.solvers.graph import Anchors, Graph, GraphCostToGo
 from guided_gym.kernels.anchors import edge_anchors, nearest_segments
 from guided_gym.kernels.collision import motions_free
-from guided_gym.kernels.delaunay import CORNERS, circle_centres, triangulate
+from guided_gym.kernels.delaunay import CORNERS, box_of, circle_centres, insert, triangulate
 from guided_gym.kernels.skeleton import branches, cut_branches, facing_feet, ridges, without_dead_ends
 from guided_gym.storage.preparations import Arrays, fits, prepared, within
 from guided_gym.structures.shortest_paths import graph_from_edges
@@ -30,6 +30,8 @@ _TRIES = 4  # times that a skeleton is drawn, by more and more samples where it 
 _FINER = 4  # times as many samples on the walls where it is broken
 _FEW = 1000  # walls of a part whose other walls have twice as many samples, too
 _MANY = 1_000_000  # vertices of a diagram so large that a finer one would take tens of seconds
+_SIGHT = 0.5  # clearance halfway to a foot, of half the way there: where less, something stands between
+_TOUCHING = 1e-9  # extents by which corners are one
 _SAME = 1e-6  # spacings by which two samples are one
 _EDGE = 700  # bytes of an edge and its vertex, in graph, index and tree of shortest paths
 _PRUNE = 1.5  # a dead end nearer to the boundary than this many sample spacings is an artefact of sampling
@@ -48,12 +50,7 @@ class _Axis(NamedTuple):
 
     def components(self) -> Ints:
         """Number of the component that each vertex belongs to."""
-        from scipy.sparse import coo_array
-        from scipy.sparse.csgraph import connected_components
-
-        n = len(self.points)
-        links = coo_array((np.ones(len(self.pairs)), tuple(self.pairs.T)), shape=(n, n))
-        return np.asarray(connected_components(links, directed=False)[1], np.int64)
+        return _linked(self.pairs, len(self.points))
 
     def only(self, kept: NDArray[np.bool_]) -> _Axis:
         """Some of the vertices, with the edges between them."""
@@ -76,6 +73,18 @@ class _Walls(NamedTuple):
     def finer(self) -> Floats:
         """By what factor the samples of each are denser than the spacing of its part asks for."""
         return np.asarray(self.pieces / np.ceil(self.lengths / self.spacing))
+
+
+class _Diagram(NamedTuple):
+    """Delaunay triangles of samples of the walls; the middles of their circles are Voronoi vertices."""
+
+    box: Floats  # [4] that the samples lie in
+    sites: Floats  # [n, 2]
+    wall_of: Int32s  # [n]
+    corners: Int32s  # [t, 3]
+    beyond: Int32s  # [t, 3]
+    points: Floats  # [t, 2] middle of each circle, or NaN
+    room: Floats  # [t] clearance there
 
 
 def skeleton_graph(environment: Environment) -> nx.Graph:
@@ -107,7 +116,7 @@ def _axis(environment: Environment) -> _Axis:
             and within(kept["pairs"], n)
         )
 
-    kept = prepared("skeleton 2", environment.fingerprint, lambda: _found(environment)._asdict(), sound)
+    kept = prepared("skeleton 3", environment.fingerprint, lambda: _found(environment)._asdict(), sound)
     return _Axis(*(kept[name] for name in _Axis._fields))
 
 
@@ -116,8 +125,8 @@ def _found(environment: Environment) -> _Axis:
 
     Vertices of the Voronoi diagram of samples of the boundary, joined where the Voronoi edge lies in the
     free space; dead ends that run into the boundary (into corners, and between samples) are pruned. Parts of
-    the free space that have no skeleton in one piece with a loop around each hole are drawn finer, unless
-    the diagram has more than a million vertices.
+    the free space that have no skeleton in one piece with a loop around each hole (those that touch are one)
+    get more samples, unless the diagram has more than a million vertices.
 
     Raises:
         InvalidInputError: The free workspace is too small for a skeleton.
@@ -127,24 +136,56 @@ def _found(environment: Environment) -> _Axis:
     if len(parts) == 0:
         raise InvalidInputError("the free workspace is too small for a medial axis: there is none")
     walls = _walls(parts, environment.extent / _SAMPLES_PER_DIAGONAL)
-    best, least = None, len(parts) + int(shapely.get_num_interior_rings(parts).sum()) + 1
+    loops = _loops(walls, environment.extent)
+    best, least = None, len(parts) + int(loops[1].sum()) + 1
+    diagram, denser = None, np.ones(len(walls.part), np.bool_)
     for _ in range(_TRIES):
-        axis, beside, broken, size = _drawn(environment, walls)
-        wrong, loose = _wrong(axis, parts)
+        diagram = _diagram(environment, walls, denser, diagram)
+        axis, beside, broken = _drawn(environment, walls, diagram)
+        wrong, loose = _wrong(axis, parts, loops)
         if wrong.sum() < least:
             best, least = axis, wrong.sum()
-        if least == 0 or size > _MANY:
+        if least == 0 or len(diagram.points) > _MANY:
             break
         broken[beside[loose]] = True
         some = wrong[walls.part] > 0
         few = np.bincount(walls.part)[walls.part] < _FEW
-        walls.pieces[some] *= np.where(broken, _FINER, np.where(few, 2, 1))[some]
+        times = np.where(some, np.where(broken, _FINER, np.where(few, 2, 1)), 1)
+        walls.pieces[:] *= times
+        denser = times > 1
     if best is None or len(best.pairs) == 0:
         raise InvalidInputError("the free workspace is too small for a medial axis: no skeleton edge is left")
     return best
 
 
-def _wrong(axis: _Axis, parts: NDArray[np.object_]) -> tuple[Ints, NDArray[np.bool_]]:
+def _linked(links: Ints, n: int) -> Ints:
+    """Number of the component that each of n vertices belongs to; links are (m, 2)."""
+    from scipy.sparse import coo_array
+    from scipy.sparse.csgraph import connected_components
+
+    matrix = coo_array((np.ones(len(links), np.bool_), tuple(links.T)), shape=(n, n))
+    return np.asarray(connected_components(matrix, directed=False)[1], np.int64)
+
+
+def _loops(walls: _Walls, extent: float) -> tuple[Ints, Ints]:
+    """The fewest and the most loops that the skeleton of each part of the free space may have.
+
+    Each ring of walls but the outer one takes a loop. Rings with a corner in common are one, since no way
+    leads between them; those whose corners are the same but for rounding may be one or not.
+    """
+    rings, parts, found = int(walls.ring.max()) + 1, int(walls.part.max()) + 1, []
+    for corners in (np.rint(walls.tails / (_TOUCHING * extent)), walls.tails):
+        _, corner = np.unique(np.ascontiguousarray(corners).view(np.complex128)[:, 0], return_inverse=True)
+        links = np.stack([walls.ring, rings + corner], axis=1)
+        whole = _linked(links, rings + int(corner.max()) + 1)[walls.ring]
+        one = np.unique(whole * parts + walls.part)  # parts may touch, too
+        found.append(np.bincount(one % parts, minlength=parts) - 1)
+    return found[0], found[1]
+
+
+def _wrong(
+    axis: _Axis, parts: NDArray[np.object_], loops: tuple[Ints, Ints]
+) -> tuple[Ints, NDArray[np.bool_]]:
     """By how many components and loops each part of the free space has others than it must.
 
     Returns:
@@ -152,7 +193,7 @@ def _wrong(axis: _Axis, parts: NDArray[np.object_]) -> tuple[Ints, NDArray[np.bo
     """
     of = axis.components()
     sizes, first = np.bincount(of), np.unique(of, return_index=True)[1]
-    loops = np.bincount(of[axis.pairs[:, 0]], minlength=len(first)) - sizes + 1
+    found = np.bincount(of[axis.pairs[:, 0]], minlength=len(first)) - sizes + 1
     shapely.prepare(parts)
     one, near = shapely.STRtree(parts).query(shapely.points(axis.points[first]))
     inside = shapely.contains_xy(parts[near], *axis.points[first][one].T)
@@ -162,9 +203,9 @@ def _wrong(axis: _Axis, parts: NDArray[np.object_]) -> tuple[Ints, NDArray[np.bo
     loose = np.zeros(len(first), np.bool_)
     loose[one] = sizes[one] < largest[part]
     components = np.bincount(part, minlength=len(parts))
-    holes = shapely.get_num_interior_rings(parts)
-    found = np.bincount(part, loops[one], len(parts)).astype(np.int64)
-    return np.abs(components - 1) + np.abs(found - holes), loose[of]
+    around = np.bincount(part, found[one], len(parts)).astype(np.int64)
+    beyond = np.maximum(loops[0] - around, 0) + np.maximum(around - loops[1], 0)
+    return np.abs(components - 1) + beyond, loose[of]
 
 
 def _walls(parts: NDArray[np.object_], spacing: float) -> _Walls:
@@ -181,23 +222,44 @@ def _walls(parts: NDArray[np.object_], spacing: float) -> _Walls:
     return _Walls(corners[wall], along, ring, owner[ring], lengths, spacings, pieces)
 
 
-def _drawn(environment: Environment, walls: _Walls) -> tuple[_Axis, Ints, NDArray[np.bool_], int]:
+def _diagram(
+    environment: Environment, walls: _Walls, denser: NDArray[np.bool_], coarse: _Diagram | None
+) -> _Diagram:
+    """The diagram of samples of the walls: all of them, or what was drawn, with more on some walls."""
+    sites, wall_of = _boundary_samples(environment, walls, denser)
+    if coarse is None:
+        box, old = box_of(sites), 0
+        corners, beyond = triangulate(sites)
+        fresh = np.arange(len(corners))
+    else:
+        box, old = coarse.box, len(coarse.corners)
+        sites = np.concatenate([coarse.sites, sites])
+        wall_of = np.concatenate([coarse.wall_of, wall_of])
+        corners, beyond = insert(sites, len(coarse.sites), box, coarse.corners, coarse.beyond)
+        same = (corners[:old] == coarse.corners).all(axis=1)
+        fresh = np.append(np.flatnonzero(~same), np.arange(old, len(corners)))
+    points, room = np.empty((len(corners), 2)), np.zeros(len(corners))
+    if coarse is not None:
+        points[:old], room[:old] = coarse.points, coarse.room
+    points[fresh] = circle_centres(sites, corners[fresh])
+    room[fresh] = 0.0
+    real = fresh[np.isfinite(points[fresh]).all(axis=1)]
+    room[real] = environment.clearance(points[real])
+    return _Diagram(box, sites, wall_of, corners, beyond, points, room)
+
+
+def _drawn(
+    environment: Environment, walls: _Walls, diagram: _Diagram
+) -> tuple[_Axis, Int32s, NDArray[np.bool_]]:
     """The skeleton by some samples of the walls.
 
     Returns:
-        It; three walls that are nearest to each vertex; the walls between which an edge between rings is
-        missing, for want of samples; and the number of vertices of the diagram.
+        It; three walls that are nearest to each vertex; and the walls between which an edge between rings is
+        missing, for want of samples.
     """
-    sites, wall_of = _boundary_samples(environment, walls)
-    corners, beyond = triangulate(sites)
-    points = circle_centres(sites, corners)
-    room = np.zeros(len(points))
-    real = np.flatnonzero(np.isfinite(points).all(axis=1))
-    room[real] = environment.clearance(points[real])
-    pairs = ridges(beyond, room)
-    # An edge shorter than the clearance of an end stays in the disc around it.
-    lengths = np.hypot(*(points[pairs[:, 1]] - points[pairs[:, 0]]).T)
-    doubtful = np.flatnonzero(lengths >= room[pairs].max(axis=1))
+    _, _, wall_of, corners, beyond, points, room = diagram
+    pairs, leaves = ridges(beyond, points, room)  # those that leave no free disc are free
+    doubtful = np.flatnonzero(leaves)
     ends = points[pairs[doubtful]]
     cut = doubtful[~motions_free(ends[:, 0].copy(), ends[:, 1].copy(), environment.point_geometry)]
     broken = np.zeros(len(walls.part), np.bool_)
@@ -208,10 +270,10 @@ def _drawn(environment: Environment, walls: _Walls) -> tuple[_Axis, Ints, NDArra
     falls = _ALONG * np.hypot(*(axis.points[axis.pairs[:, 1]] - axis.points[axis.pairs[:, 0]]).T)
     reach = _PRUNE * (walls.spacing / walls.finer)[beside[:, 0]]
     kept, alive = without_dead_ends(axis.clearance, axis.pairs, falls, reach)
-    return axis._replace(pairs=axis.pairs[kept]).only(alive), beside[alive], broken, len(points)
+    return axis._replace(pairs=axis.pairs[kept]).only(alive), beside[alive], broken
 
 
-def _across(corners: Int32s, beyond: Int32s, cut: Ints, room: Floats) -> Int32s:
+def _across(corners: Int32s, beyond: Int32s, cut: Int32s, room: Floats) -> Int32s:
     """The two sites of each edge that was cut, or leaves the free space."""
     t, k = np.nonzero((room[:, None] > 0) & (beyond >= 0) & (room[beyond] == 0))
     leaving = np.stack([corners[t, (k + 1) % 3], corners[t, (k + 2) % 3]], axis=1)
@@ -221,13 +283,23 @@ def _across(corners: Int32s, beyond: Int32s, cut: Ints, room: Floats) -> Int32s:
     return sites[(sites >= CORNERS).all(axis=1)]
 
 
-def _boundary_samples(environment: Environment, walls: _Walls) -> tuple[Floats, Ints]:
+def _boundary_samples(
+    environment: Environment, walls: _Walls, denser: NDArray[np.bool_]
+) -> tuple[Floats, Int32s]:
     """Points on the boundary, and across narrow gaps, what they face; with the wall of each.
 
     Where two walls are closer than the samples, the Voronoi diagram has its way between them only if samples
     face each other: the edge between a point and its foot on the other wall is the middle line.
+
+    Args:
+        environment: The walls'.
+        walls: All of them.
+        denser: (w,) those that got more samples since the rest was sampled.
+
+    Returns:
+        (n, 2) points that the denser walls bring, and (n,) the wall of each.
     """
-    of = np.repeat(np.arange(len(walls.pieces)), walls.pieces)
+    of = np.repeat(np.arange(len(walls.pieces), dtype=np.int32), walls.pieces)
     pieces, widest = walls.pieces[of], walls.spacing[of]
     k = np.arange(len(of)) - np.repeat(np.cumsum(walls.pieces) - walls.pieces, walls.pieces)
     samples = walls.tails[of] + (k / pieces)[:, None] * walls.along[of]
@@ -238,15 +310,20 @@ def _boundary_samples(environment: Environment, walls: _Walls) -> tuple[Floats, 
     begins = np.flatnonzero(np.diff(walls.ring[of], prepend=-1))
     before = np.roll(steps, 1)
     before[begins] = steps[np.append(begins[1:], len(of)) - 1]
-    faced = facing_feet(
-        samples, walls.along[of] / pieces[:, None], np.maximum(steps, before), reach, _SAME * widest
-    )
+    ahead, apart, same = walls.along[of] / pieces[:, None], np.maximum(steps, before), _SAME * widest
+    new = np.flatnonzero(denser[of])
+    rest = np.flatnonzero(~denser[of])
+    faced = facing_feet(samples, ahead, apart, reach, same, np.arange(len(of)), new)
+    if len(rest):
+        others = facing_feet(samples, ahead, apart, reach, same, new, rest)
+        faced = np.concatenate([faced, others])
     feet, source, foot = faced[:, 2:], faced[:, 0].astype(np.int64), faced[:, 1].astype(np.int64)
-    free = environment.clearance((samples[source] + feet) / 2) > 0.0
-    return np.concatenate([samples, feet[free]]), np.concatenate([of, of[foot[free]]])
+    gaps = np.hypot(*(feet - samples[source]).T)
+    free = environment.clearance((samples[source] + feet) / 2) > _SIGHT * gaps / 2
+    return np.concatenate([samples[new], feet[free]]), np.concatenate([of[new], of[foot[free]]])
 
 
-def _merged(points: Floats, room: Floats, pairs: Ints, environment: Environment) -> tuple[_Axis, Floats]:
+def _merged(points: Floats, room: Floats, pairs: Int32s, environment: Environment) -> tuple[_Axis, Ints]:
     """The skeleton, with vertices that rounding keeps apart taken as one; and one of them for each."""
     digits = 9 - int(np.ceil(np.log10(max(environment.extent, 1e-300))))
     at_end = np.zeros(len(points), np.bool_)

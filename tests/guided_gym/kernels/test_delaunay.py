@@ -7,7 +7,7 @@ import pytest
 from numpy.typing import NDArray
 from scipy.spatial import Voronoi, cKDTree
 
-from guided_gym.kernels.delaunay import CORNERS, circle_centres, triangulate
+from guided_gym.kernels.delaunay import CORNERS, box_of, circle_centres, insert, triangulate
 
 
 def _grid() -> NDArray[np.float64]:
@@ -59,4 +59,27 @@ def test_circle_centres__are_the_voronoi_vertices_of_qhull(name: str) -> None:
     inside = expected[((expected > low) & (expected < high)).all(axis=1)]
     distances, _ = cKDTree(found[np.isfinite(found).all(axis=1)]).query(inside)
     assert len(inside) > 50
+    assert distances.max() < 1e-6
+
+
+@pytest.mark.parametrize("name", ["drawn", "a grid", "twice each", "far from the origin"])
+def test_insert__comes_to_the_triangles_of_all_points_and_keeps_the_places_of_those_it_leaves(
+    name: str,
+) -> None:
+    points = _sets()[name]
+    box, some = box_of(points), len(points) // 2
+    few = np.concatenate([points[:some], box.reshape(2, 2)])
+    points = np.concatenate([few, points[some:]])
+    first = triangulate(few)
+    kept = first[0].copy()
+    corners, _ = insert(points, len(few), box, *first)
+    assert np.array_equal(first[0], kept)
+    once = triangulate(points)
+    assert len(corners) == len(once[0])
+    same = (corners[: len(kept)] == kept).all(axis=1)
+    found, expected = (circle_centres(points, c) for c in (corners, once[0]))
+    assert np.array_equal(found[: len(kept)][same], circle_centres(few, kept)[same], equal_nan=True)
+    inside = expected[np.isfinite(expected).all(axis=1)]
+    inside = inside[((inside > box[:2]) & (inside < box[2:])).all(axis=1)]
+    distances, _ = cKDTree(found[np.isfinite(found).all(axis=1)]).query(inside)
     assert distances.max() < 1e-6

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import networkx as nx
 import numpy as np
 import pytest
@@ -13,6 +15,7 @@ from guided_gym.geometry.environment import Environment
 from guided_gym.geometry.robots import Robot
 from guided_gym.geometry.space import ConfigurationSpace
 from guided_gym.guidance.registry import make_guidance
+from guided_gym.guidance.solvers import skeleton
 from guided_gym.guidance.solvers.base import Query
 from guided_gym.guidance.solvers.skeleton import Skeleton, medial_axis, skeleton_graph
 from guided_gym.randomness import streams
@@ -110,6 +113,27 @@ def test_skeleton__among_many_obstacles_has_a_part_for_each_part_and_a_loop_for_
     assert components == len(parts) > 1
     holes = int(shapely.get_num_interior_rings(parts).sum())
     assert graph.number_of_edges() - graph.number_of_nodes() + components == holes > 100
+
+
+def test_skeleton__holes_that_touch_have_one_loop_and_cost_no_further_drawing(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    cells = np.zeros((8, 10), bool)  # the first two touch at a corner
+    for row, column in [(2, 2), (3, 3), (5, 7)]:
+        cells[row, column] = True
+    environment = Environment.from_occupancy(cells, 1.0, unknown="free")
+    assert int(shapely.get_num_interior_rings(shapely.get_parts(environment.free_space)).sum()) == 3
+    drawings, inner = [], skeleton._drawn
+
+    def drawn(*words: Any) -> Any:
+        drawings.append(words)
+        return inner(*words)
+
+    monkeypatch.setattr(skeleton, "_drawn", drawn)
+    graph = skeleton_graph(environment)
+    components = nx.number_connected_components(graph)
+    assert (components, graph.number_of_edges() - graph.number_of_nodes() + components) == (1, 2)
+    assert len(drawings) == 1
 
 
 def test_skeleton__says_when_there_is_no_room() -> None:
