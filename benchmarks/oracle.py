@@ -38,6 +38,7 @@ from guided_gym.geometry.environment import Environment
 from guided_gym.geometry.robots import Robot
 from guided_gym.geometry.space import ConfigurationSpace
 from guided_gym.kernels.cost_query import cost_to_go_many, cost_to_go_one
+from guided_gym.measure.certified import lengths_left, shortest_down
 from guided_gym.measure.oracle import Oracle, oracle_for
 from guided_gym.planning import guided_search
 from guided_gym.train.paths import shortcut
@@ -199,6 +200,27 @@ def certified(name, problems):
     }
 
 
+def hardest(name, problems):
+    """The optimum against the shortest path down the field of a much finer grid, pulled tight."""
+    over = []
+    for seed in range(problems):
+        problem = make_distribution(name).problem(seed)
+        space, task = problem.space, problem.task
+        fine = Oracle(space, task.goal, resolution=(160, 160, 72), cache=False)
+        link = float(np.max((fine.axes[0][1] - fine.axes[0][0]) * space.weights[:2]))
+        path = shortest_down(space, fine.state, task.start, task.goal, link)
+        if path is not None:  # the finer grid, too, may miss the way
+            optimum = Oracle(space, task.goal, start=task.start, cache=False).cost_to_go(task.start)
+            over.append(optimum / lengths_left(space, path)[0] - 1.0)
+    return {
+        "problems": name,
+        "compared": len(over),
+        "too long by more than 1 %": int(np.sum(np.array(over) > 0.01)),
+        "most %": 100 * max(over),
+        "mean %": 100 * float(np.mean(over)),
+    }
+
+
 def tight_length(space, path, rng):
     """Length of a path after three rounds of shortcuts between points along it."""
     for _ in range(3):
@@ -262,6 +284,9 @@ def main() -> int:
         "--certified", type=int, default=16, help="problems of each kind with certified paths"
     )
     parser.add_argument(
+        "--hardest", type=int, default=4, help="problems of each kind with paths over a much finer grid"
+    )
+    parser.add_argument(
         "--finer", type=int, default=4, help="of buildings' reference; 4 takes 3 GB and a minute"
     )
     options = parser.parse_args()
@@ -274,8 +299,11 @@ def main() -> int:
         floors = [building(seed, options.finer) for seed in (None, 0)]
         names = ("RandomClutter", "RandomTrapCup", "RandomMaze", "HardStickMaze")
         paths = [certified(name, options.certified) for name in names]
+        hard = [hardest(name, options.hardest) for name in names if options.hardest]
     show(console, floors)
     show(console, paths)
+    if hard:
+        show(console, hard)
     if skfmm is None:
         console.print("scikit-fmm is not installed: no comparison")
     table = Table("", *[row["kind"] for row in results])
@@ -286,7 +314,16 @@ def main() -> int:
         console.print(f"{name:45} {value:8.2f}")
     if options.json:
         options.json.write_text(
-            json.dumps({"accuracy": results, "speed": speeds, "floors": floors, "certified": paths}, indent=1)
+            json.dumps(
+                {
+                    "accuracy": results,
+                    "speed": speeds,
+                    "floors": floors,
+                    "certified": paths,
+                    "hardest": hard,
+                },
+                indent=1,
+            )
             + "\n"
         )
     return 0 if all(row["oracle all %"] <= 1.0 for row in results) else 1

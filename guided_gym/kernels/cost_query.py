@@ -16,7 +16,7 @@ import numpy as np
 import numpy.typing as npt
 from numba import njit
 
-from guided_gym.kernels.collision import Geometry, _motion_fraction, _pose_free
+from guided_gym.kernels.collision import Geometry, _motion_fraction, _pose_free, motion_free
 from guided_gym.kernels.cost_grid import (
     COUNT_THETA,
     COUNT_X,
@@ -34,6 +34,7 @@ from guided_gym.kernels.cost_grid import (
     wrapped,
 )
 from guided_gym.kernels.eikonal import LINK_THETA, LINK_X, LINK_Y, PAD, FieldArray, LinkArray
+from guided_gym.kernels.metric import Metric, placed, separation
 from guided_gym.kernels.plain import NO, ONE, YES
 
 FloatArray = npt.NDArray[np.float64]
@@ -97,6 +98,74 @@ def cost_to_go_many(qs: FloatArray, state: OracleState) -> FloatArray:
     for i in range(qs.shape[0]):
         costs[i] = cost_to_go_one(qs[i], state)
     return costs
+
+
+@njit(cache=True)
+def descend(
+    begin: FloatArray,
+    goal: FloatArray,
+    reaches: FloatArray,
+    directions: FloatArray,
+    most: int,
+    state: OracleState,
+    metric: Metric,
+) -> tuple[FloatArray, bool]:
+    """A free path (n, d) down the field, from pose to pose in sight, and whether it ends at the goal.
+
+    Args:
+        begin: (d,) its first pose.
+        goal: (d,) where the field is 0.
+        reaches: (r,) lengths of a step; the next one is tried where one leads nowhere.
+        directions: (m, d) steps of length 1.
+        most: Steps after which it ends.
+        state: `Oracle.state`.
+        metric: Weights and periods of the distance.
+    """
+    path = np.empty((most + 2, begin.size))
+    path[0] = begin
+    cost = cost_to_go_one(begin, state)
+    for n in range(1, most + 2):
+        if motion_free(path[n - 1], goal, state[3]):
+            path[n] = goal
+            return path[: n + 1], True
+        for reach in reaches:
+            left = _step_down(path[n - 1], cost, reach, directions, state, metric, path[n])
+            if left < cost:
+                break
+        else:
+            return path[:n], False
+        cost = left
+    return path[: most + 1], False
+
+
+@njit(cache=True)
+def _step_down(
+    here: FloatArray,
+    cost: float,
+    reach: float,
+    directions: FloatArray,
+    state: OracleState,
+    metric: Metric,
+    out: FloatArray,
+) -> float:
+    """The pose in sight from which the way left is shortest, into ``out``; its cost, infinite for none."""
+    m, d = directions.shape
+    poses, left, through = np.empty((m, d)), np.empty(m), np.full(m, np.inf)
+    for i in range(m):
+        for a in range(d):
+            poses[i, a] = placed(here[a] + reach * directions[i, a], metric.periods[a])
+        left[i] = cost_to_go_one(poses[i], state)
+        if left[i] < cost:
+            through[i] = left[i] + separation(here, poses[i], metric)
+    for _ in range(m):
+        i = int(np.argmin(through))
+        if through[i] == np.inf:
+            break
+        if motion_free(here, poses[i], state[3]):
+            out[:] = poses[i]
+            return left[i]
+        through[i] = np.inf
+    return np.inf
 
 
 @njit(cache=True)

@@ -1,4 +1,4 @@
-"""Anchors from configurations to stored paths: per path, the waypoint with the least length to the goal."""
+"""Waypoints of paths: the shortest way over those that see each other; anchors to those of stored paths."""
 # mypy: disable-error-code="misc,no-any-return"
 
 from __future__ import annotations
@@ -7,11 +7,15 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from guided_gym.kernels.metric import Metric, separation
+from guided_gym.kernels.collision import Geometry, motion_free
+from guided_gym.kernels.metric import Metric, placed, separation
 
 Floats = NDArray[np.float64]
 Int32s = NDArray[np.int32]
 Ints = NDArray[np.int64]
+
+_WORTH = 0.02
+"""Part of its way that a waypoint must shorten the path by to move."""
 
 
 @njit(cache=True)
@@ -66,3 +70,68 @@ def path_anchors(
                 slot -= 1
             totals[slot], vertices[i, slot], lengths[i, slot] = best_total, best, best_length
     return vertices, lengths
+
+
+@njit(cache=True)
+def over_sights(path: Floats, ahead: int, geometry: Geometry, metric: Metric) -> Floats:
+    """The shortest way (m, d) over waypoints of a free path (n, d) that see each other, from end to end.
+
+    Args:
+        path: (n, d) waypoints; each sees the next one.
+        ahead: How many waypoints ahead one is looked for that a waypoint sees.
+        geometry: Robot and environment.
+        metric: Weights and periods of the distance.
+    """
+    n = path.shape[0]
+    left, following = np.zeros(n), np.full(n, n - 1)
+    for i in range(n - 2, -1, -1):
+        following[i] = i + 1
+        left[i] = separation(path[i], path[i + 1], metric) + left[i + 1]
+        for j in range(min(i + ahead, n - 1), i + 1, -1):  # the farthest is mostly the best that is seen
+            through = separation(path[i], path[j], metric) + left[j]
+            if through < left[i] and motion_free(path[i], path[j], geometry):
+                left[i], following[i] = through, j
+    kept = np.empty(n, np.int64)
+    kept[0], count = 0, 1
+    while kept[count - 1] < n - 1:
+        kept[count] = following[kept[count - 1]]
+        count += 1
+    return path[kept[:count]]
+
+
+@njit(cache=True)
+def slide(
+    path: Floats, directions: Floats, first: float, last: float, geometry: Geometry, metric: Metric
+) -> Floats:
+    """A free path (n, d) whose inner waypoints have moved where that shortens it: the same number, (n, d).
+
+    Args:
+        path: (n, d) waypoints of a free path.
+        directions: (m, d) steps of length 1.
+        first: How far a waypoint moves at first (length); half as far when none has gained, and so on.
+        last: How far at least.
+        geometry: Robot and environment.
+        metric: Weights and periods of the distance.
+    """
+    out, step = path.copy(), first
+    poses, lengths = np.empty(directions.shape), np.empty(directions.shape[0])
+    while step >= last:
+        moved = False
+        for i in range(1, path.shape[0] - 1):
+            before, after = out[i - 1], out[i + 1]
+            most = separation(before, out[i], metric) + separation(out[i], after, metric) - _WORTH * step
+            for j in range(lengths.size):
+                for a in range(path.shape[1]):
+                    poses[j, a] = placed(out[i, a] + step * directions[j, a], metric.periods[a])
+                lengths[j] = separation(before, poses[j], metric) + separation(poses[j], after, metric)
+            for _ in range(lengths.size):
+                j = int(np.argmin(lengths))
+                if lengths[j] >= most:
+                    break
+                if motion_free(before, poses[j], geometry) and motion_free(poses[j], after, geometry):
+                    out[i], moved = poses[j], True
+                    break
+                lengths[j] = np.inf
+        if not moved:
+            step *= 0.5
+    return out

@@ -4,49 +4,73 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from itertools import pairwise
+from functools import partial
 from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
 
 from guided_gym.geometry.space import ConfigurationSpace
+from guided_gym.kernels.cost_query import OracleState, cost_to_go_many, cost_to_go_one, descend
+from guided_gym.kernels.waypoints import over_sights, slide
 
 FloatArray = NDArray[np.float64]
 
 _DIRECTIONS: Final = {2: 24, 3: 64}
-_REACHES: Final = (3.0, 1.5, 0.5)  # links, tried in this order
-_BEST: Final = 12  # candidates whose motions are checked
-_AHEAD: Final = 40  # waypoints ahead that one may be joined to
-_PASSES: Final = 3
+_STRIDES: Final = (1.0, 0.5, 0.25)  # links: each descent comes down another way
+_REACHES: Final = (3.0, 1.5, 0.5)  # strides, tried in this order
+_AHEAD: Final = 20  # waypoints ahead that one may be joined to
+_APART: Final = (3.0, 6.0)  # links between waypoints, of a descent and of a path that has slid
+_SLIDES: Final = ((2.0, 0.1), (0.5, 0.1))  # links that a waypoint moves, at first and at last
+_PULLED: Final = 2  # descents, the shortest ones, that are pulled tight
 
 
-def descent(
+def shortest_down(
     space: ConfigurationSpace,
-    costs: Callable[[FloatArray], FloatArray],
+    state: OracleState,
     start: FloatArray,
     goal: FloatArray,
     link: float,
+    others: Callable[[FloatArray], FloatArray] | None = None,
 ) -> FloatArray | None:
-    """A certified path (n, d) from start to goal, down a field and pulled tight; None if it sticks.
+    """The shortest of some certified paths down a grid's field, pulled tight: (n, d); None if all stick.
 
     Args:
         space: The configuration space.
-        costs: The field at configurations (m, d): (m,).
+        state: `Oracle.state`.
         start: (d,) where it begins.
         goal: (d,) where it ends.
         link: Length of the grid's links.
+        others: Poses (m, d) that may lead on from a pose (d,) where none around it does.
     """
-    directions = _directions(space.dimension) / space.weights
-    path, here = [start], float(costs(start[None])[0])
-    for _ in range(200 + math.ceil(4.0 * here / link) if math.isfinite(here) else 0):
-        if space.motion_free(path[-1], goal):
-            return _tight(space, np.array([*path, goal]), link)
-        step = _next(space, costs, path[-1], here, link * directions)
-        if step is None:
+    paths = [_descent(space, state, start, goal, stride * link, others) for stride in _STRIDES]
+    found = [_straightened(space, path, link, _APART[0]) for path in paths if path is not None]
+    found.sort(key=partial(_length, space))
+    tight = [_pulled_tight(space, path, link) for path in found[:_PULLED]]
+    return min(tight, key=partial(_length, space), default=None)
+
+
+def _descent(
+    space: ConfigurationSpace,
+    state: OracleState,
+    start: FloatArray,
+    goal: FloatArray,
+    stride: float,
+    others: Callable[[FloatArray], FloatArray] | None,
+) -> FloatArray | None:
+    directions, reaches = _directions(space.dimension) / space.weights, stride * np.array(_REACHES)
+    parts: list[FloatArray] = []
+    here, cost = start, cost_to_go_one(start, state)
+    most = 200 + math.ceil(4.0 * cost / stride) if math.isfinite(cost) else 0
+    while most > 0:
+        path, arrived = descend(here, goal, reaches, directions, most, state, space.metric)
+        parts.append(path)
+        if arrived:
+            return np.concatenate(parts)
+        onward = None if others is None else _onward(space, state, path[-1], others(path[-1]))
+        if onward is None:
             return None
-        path.append(step[0])
-        here = step[1]
+        here, most = onward, most - len(path)
     return None
 
 
@@ -58,64 +82,46 @@ def lengths_left(space: ConfigurationSpace, path: FloatArray) -> FloatArray:
 
 def divided(space: ConfigurationSpace, path: FloatArray, longest: float) -> FloatArray:
     """The same path with waypoints at most this far apart."""
-    parts = [path[:1]]
-    for a, b in pairwise(path):
-        count = max(1, math.ceil(float(space.distance(a, b)) / longest))
-        parts.append(space.interpolate(a, b, np.arange(1, count + 1) / count))
-    return np.ascontiguousarray(np.concatenate(parts))
+    lengths = np.atleast_1d(space.distance(path[:-1], path[1:]))
+    counts = np.maximum(1, np.ceil(lengths / longest)).astype(np.int64)
+    part = np.repeat(np.arange(len(counts)), counts)
+    number = np.arange(1, len(part) + 1) - (np.cumsum(counts) - counts)[part]
+    between = space.interpolate(path[part], path[part + 1], number / counts[part])
+    between[np.cumsum(counts) - 1] = path[1:]  # to the last bit
+    return np.ascontiguousarray(np.concatenate([path[:1], between]))
 
 
-def _next(
-    space: ConfigurationSpace,
-    costs: Callable[[FloatArray], FloatArray],
-    here: FloatArray,
-    cost: float,
-    directions: FloatArray,
-) -> tuple[FloatArray, float] | None:
-    """A pose in sight from which the way left is shortest, and its cost."""
-    for reach in _REACHES:
-        poses = np.ascontiguousarray(space.wrap(here + reach * directions))
-        left = costs(poses)
-        through = left + space.distance(here[None], poses)
-        best = np.argsort(through, kind="stable")[:_BEST]
-        best = best[left[best] < cost]
-        if not best.size:
-            continue
-        seen = best[np.asarray(space.motions_free(np.repeat(here[None], best.size, axis=0), poses[best]))]
-        if seen.size:
-            return poses[seen[0]].copy(), float(left[seen[0]])
-    return None
+def _onward(
+    space: ConfigurationSpace, state: OracleState, here: FloatArray, poses: FloatArray
+) -> FloatArray | None:
+    """The pose (d,) in sight from which the way left is shortest; None if none is nearer to the goal."""
+    poses = np.ascontiguousarray(space.wrap(poses))
+    left = cost_to_go_many(poses, state)
+    ends = np.repeat(here[None], len(poses), axis=0)
+    open_ = (left < cost_to_go_one(here, state)) & np.asarray(space.motions_free(ends, poses))
+    if not open_.any():
+        return None
+    through = np.where(open_, left + space.distance(here[None], poses), np.inf)
+    return np.array(poses[np.argmin(through)])
 
 
-def _tight(space: ConfigurationSpace, path: FloatArray, link: float) -> FloatArray:
-    """The shortest way over the waypoints that see each other, then over points between those, and again."""
-    spread = max(link, float(lengths_left(space, path)[0]) / 200.0)
-    for k in range(_PASSES):
-        path = divided(space, path, spread * (2.0 if k == 0 else 1.0 + 0.37 * k))
-        path = _over_sights(space, path)
+def _pulled_tight(space: ConfigurationSpace, path: FloatArray, link: float) -> FloatArray:
+    """Its waypoints slide along the obstacles that they touch; then others on it do, by less."""
+    directions = _directions(space.dimension) / space.weights
+    for first, last in _SLIDES:
+        path = _straightened(space, path, link, _APART[1])
+        path = slide(path, directions, first * link, last * link, space.geometry, space.metric)
     return path
 
 
-def _over_sights(space: ConfigurationSpace, path: FloatArray) -> FloatArray:
-    n = len(path)
-    i, j = np.triu_indices(n, 1)
-    near = j - i <= _AHEAD
-    i, j = i[near], j[near]
-    free = np.asarray(space.motions_free(path[i], path[j])) | (j == i + 1)
-    i, j = i[free], j[free]
-    lengths = space.distance(path[i], path[j])
-    left, following = np.full(n, np.inf), np.zeros(n, np.int64)
-    left[-1] = 0.0
-    begins = np.searchsorted(i, np.arange(n + 1))
-    for k in range(n - 2, -1, -1):
-        part = slice(begins[k], begins[k + 1])
-        through = lengths[part] + left[j[part]]
-        best = int(np.argmin(through))
-        left[k], following[k] = through[best], j[part][best]
-    kept = [0]
-    while kept[-1] < n - 1:
-        kept.append(int(following[kept[-1]]))
-    return path[kept]
+def _straightened(space: ConfigurationSpace, path: FloatArray, link: float, apart: float) -> FloatArray:
+    """The shortest way over points along the path that see each other."""
+    points = divided(space, path, apart * max(link, _length(space, path) / 200.0))
+    return over_sights(points, _AHEAD, space.geometry, space.metric)
+
+
+def _length(space: ConfigurationSpace, path: FloatArray) -> float:
+    return float(lengths_left(space, path)[0])
 
 
 def _directions(dimension: int) -> FloatArray:

@@ -17,16 +17,16 @@ from guided_gym.geometry.space import ConfigurationSpace
 from guided_gym.kernels import cost_grid as grid
 from guided_gym.kernels.cost_query import OracleState, cost_to_go_many, cost_to_go_one
 from guided_gym.kernels.eikonal import PAD, flood, improve, march
-from guided_gym.measure.certified import descent, divided, lengths_left
+from guided_gym.measure.certified import divided, lengths_left, shortest_down
 from guided_gym.measure.oracle_store import FieldStore
-from guided_gym.measure.passages import any_narrow, passages
+from guided_gym.measure.passages import passages
 from guided_gym.measure.solution import Kept, OracleError, free_poses, warn_of
 from guided_gym.options import OracleOptions
 
 FloatArray = npt.NDArray[np.float64]
 
 KIND = "grid"
-SOLVER_VERSION = 3
+SOLVER_VERSION = 4
 """Part of every cache key: raise it with any change that alters a field, its links or their layout."""
 
 _FIRST = {2: 100_000, 3: 180_000}
@@ -49,8 +49,8 @@ _TRUST = 0.7
 """Error of a grid as a part of its difference from one of half the resolution, see docs/oracle.md."""
 _ROUNDS = 4
 """Waves after the first one, each of which may come through more narrow passages."""
-_STRIDES = (1.0, 0.5, 0.25)
-"""Steps of the descents from a start, in links; the first one alone where no gap is narrow."""
+_SHORTER = 0.003
+"""Part of its length by which a path must be shorter than the field says to correct it."""
 _LOOK_AHEAD = 6
 """Waypoints of a certified path, a link apart, that the vertices beside it are joined to."""
 _GAIN = 0.005
@@ -273,22 +273,19 @@ class GridSolution:
         return self._refinement < _FINEST[self.space.dimension] and vertices <= self.options.budget
 
     def _tighten(self, start: FloatArray) -> None:
-        """Find paths from the start; where one is shorter than the field says, correct the field by it."""
-        space, frame = self.space, self.state[2]
+        """Find a path from the start; if it is shorter than the field says, correct the field along it."""
+        space, state = self.space, self.state
+        frame = state[2]
         link = float((frame[grid.STEP_X : grid.STEP_X + space.dimension] * space.weights).max())
-        strides = _STRIDES if any_narrow(space, *_narrow(space, frame)) else _STRIDES[:1]
-        for part in strides:  # each comes down another way, and the later ones on what the earlier found
-            state = self.state
-            path = descent(space, partial(_read, state), start, self.goal, part * link)
-            if path is None or lengths_left(space, path)[0] > (1.0 - _GAIN) * cost_to_go_one(start, state):
-                continue
-            path = divided(space, path, link)
-            left = lengths_left(space, path)
-            field = state[0].copy()  # what was loaded is not ours to change
-            work = _Grid(frame, state[1])
-            numbers, vertices, lengths = _attached(space, work, path, _LOOK_AHEAD)
-            _offer(work, field, vertices, left[numbers] + lengths)
-            self.state = (field, *state[1:])
+        path = shortest_down(space, state, start, self.goal, link, partial(_stops, space, frame, []))
+        if path is None or lengths_left(space, path)[0] > (1.0 - _SHORTER) * cost_to_go_one(start, state):
+            return
+        path = divided(space, path, link)
+        field = state[0].copy()  # what was loaded is not ours to change
+        work = _Grid(frame, state[1])
+        numbers, vertices, lengths = _attached(space, work, path, _LOOK_AHEAD)
+        _offer(work, field, vertices, lengths_left(space, path)[numbers] + lengths)
+        self.state = (field, *state[1:])
 
     def _spacing(self) -> float:
         return float(self.state[2][grid.STEP_X : grid.STEP_X + 2].max())
@@ -339,8 +336,21 @@ def _narrow(space: ConfigurationSpace, frame: FloatArray) -> tuple[float, float]
     return float(grid.inradius(space.geometry)), float(frame[grid.STEP_X : grid.STEP_X + 2].max())
 
 
-def _read(state: OracleState, q: FloatArray) -> FloatArray:
-    return cost_to_go_many(q, state)
+def _stops(space: ConfigurationSpace, frame: FloatArray, gaps: list[FloatArray], q: FloatArray) -> FloatArray:
+    """Where the field comes from around a pose: the vertices beside it, and the poses in narrow passages.
+
+    Args:
+        space: The configuration space.
+        frame: The grid.
+        gaps: Keeps the latter from the first call on: few descents ask for them.
+        q: (d,) the pose.
+    """
+    if not gaps:
+        gaps.append(passages(space, *_narrow(space, frame)).nodes)
+    d = space.dimension
+    origin, step = np.append(frame[:2], 0.0)[:d], frame[grid.STEP_X : grid.STEP_X + d]
+    beside = np.stack(np.meshgrid(*[np.arange(-1, 3)] * d), axis=-1).reshape(-1, d)
+    return np.concatenate([origin + (np.floor((q - origin) / step) + beside) * step, gaps[0]])
 
 
 def _solved(space: ConfigurationSpace, frame: FloatArray) -> OracleState:

@@ -97,11 +97,6 @@ def passages(space: ConfigurationSpace, inradius: float, spacing: float) -> Road
     return Roadmap(flat[free], number[a], number[b], space.distance(flat[a], flat[b]))
 
 
-def any_narrow(space: ConfigurationSpace, inradius: float, spacing: float) -> bool:
-    """Whether there are gaps that a grid of this spacing may miss; arguments as `passages`."""
-    return bool(_gaps(space, *_widths(inradius, spacing), corners=False).widths.size)
-
-
 def _widths(inradius: float, spacing: float) -> tuple[float, float, float]:
     """What `_gaps` takes."""
     return 2.0 * inradius, 2.0 * inradius + 2.5 * spacing, 0.25 * spacing
@@ -134,7 +129,7 @@ class _Gaps:
     pairs: IndexArray
 
 
-def _gaps(space: ConfigurationSpace, least: float, most: float, same: float, corners: bool = True) -> _Gaps:
+def _gaps(space: ConfigurationSpace, least: float, most: float, same: float) -> _Gaps:
     """Where two obstacle pieces, or one and a bound, are as near to each other as that.
 
     Beside the shortest way from one to the other that is, for each corner, the way from there: two walls side
@@ -145,7 +140,6 @@ def _gaps(space: ConfigurationSpace, least: float, most: float, same: float, cor
         least: Smallest width (length).
         most: Largest width.
         same: Places of two pieces that are so near to each other count as one.
-        corners: Whether to look from each corner too.
     """
     pieces = [shapely.Polygon(piece) for piece in space.environment.pieces]
     pieces += _sides(space.environment.bounds)
@@ -155,7 +149,7 @@ def _gaps(space: ConfigurationSpace, least: float, most: float, same: float, cor
     left, right = left[once], right[once]
     numbers = np.arange(left.size)
     lines, pairs = [shapely.shortest_line(shapes[left], shapes[right])], [numbers]
-    for one, other in ((left, right), (right, left)) if corners else ():
+    for one, other in ((left, right), (right, left)):
         points, at = shapely.get_coordinates(shapes[one], return_index=True)
         lines.append(shapely.shortest_line(shapely.points(points), shapes[other][at]))
         pairs.append(numbers[at])
@@ -164,8 +158,7 @@ def _gaps(space: ConfigurationSpace, least: float, most: float, same: float, cor
     widths, middles = np.hypot(change[:, 0], change[:, 1]), ends.mean(axis=1)
     kept = np.flatnonzero((widths > max(least, space.tolerance)) & (widths <= most))
     # A third piece may lie between the two; its own gaps to them are others.
-    lies = "within" if corners else "intersects"
-    kept = np.delete(kept, np.unique(tree.query(shapely.points(middles[kept]), predicate=lies)[0]))
+    kept = np.delete(kept, np.unique(tree.query(shapely.points(middles[kept]), predicate="within")[0]))
     cells = np.column_stack([pair[kept], np.round(middles[kept] / same)])
     kept = kept[np.sort(np.unique(cells, axis=0, return_index=True)[1])]
     kept = kept[np.argsort(widths[kept], kind="stable")][:_MOST]
