@@ -335,7 +335,7 @@ class GuidedSearchEnv(gymnasium.Env[Observation, Action]):
         self._efficiency = 0.0
         self._terminated, self._truncated = search.solved, False
         self._regions: dict[int, int] = {}
-        self._areas = prepared_regions(search.problem)
+        self._areas = Areas(search.problem)
         if self.render_mode == "human":
             self.render()
         return self.observer.extract(search), self._info()
@@ -494,28 +494,38 @@ class GuidedSearchEnv(gymnasium.Env[Observation, Action]):
         if node not in self._regions:
             q = search.tree.nodes.configurations[node]
             x, y = search.problem.robot.position(q).tolist()
-            inside = shapely.intersects_xy(self._areas, x, y)
-            first = int(inside.argmax())
-            self._regions[node] = first if inside[first] else NO_REGION
+            self._regions[node] = self._areas.of(x, y)
         return self._regions[node]
 
 
-def prepared_regions(problem: Problem) -> NDArray[np.object_]:
-    """(r,) the areas of the problem's regions, quick to ask."""
-    areas = np.array(list(problem.regions.values()), dtype=object)
-    shapely.prepare(areas)
-    return areas
+class Areas:
+    """The areas of a problem's regions, quick to ask."""
 
+    def __init__(self, problem: Problem) -> None:
+        self._shapes = np.array(list(problem.regions.values()), dtype=object)
+        shapely.prepare(self._shapes)
+        # Most positions are told apart by boxes, which need no geometry.
+        boxes = shapely.bounds(self._shapes).tolist()
+        whole = [shape.equals(shape.envelope) for shape in self._shapes]
+        self._boxes = list(zip(boxes, whole, self._shapes, strict=True))
 
-def regions_of(areas: NDArray[np.object_], xy: NDArray[np.float64]) -> NDArray[np.int64]:
-    """(n,) which of the areas each of (n, 2) positions is in, NO_REGION outside all."""
-    inside = shapely.intersects_xy(areas, xy[:, :1], xy[:, 1:])
-    return np.where(inside.any(axis=1), inside.argmax(axis=1), NO_REGION)
+    def of(self, x: float, y: float) -> int:
+        """Which area a position is in, the first one of several; NO_REGION outside all."""
+        for number, ((xmin, ymin, xmax, ymax), whole, shape) in enumerate(self._boxes):
+            near = xmin <= x <= xmax and ymin <= y <= ymax
+            if near and (whole or shapely.intersects_xy(shape, x, y)):
+                return number
+        return NO_REGION
+
+    def of_many(self, xy: NDArray[np.float64]) -> NDArray[np.int64]:
+        """(n,) likewise of (n, 2) positions, in one go."""
+        inside = shapely.intersects_xy(self._shapes, xy[:, :1], xy[:, 1:])
+        return np.where(inside.any(axis=1), inside.argmax(axis=1), NO_REGION)
 
 
 def path_cost(search: Search) -> float:
     """Length of the shortest path found; infinite while there is none."""
-    path = search.path()
+    path = search.path() if search.solved else None
     return math.inf if path is None else float(search.space.distance(path[:-1], path[1:]).sum())
 
 

@@ -18,11 +18,10 @@ from numpy.typing import NDArray
 from guided_gym.checks import affordable, integer, shown
 from guided_gym.envs.guided_search_env import (
     NO_REGION,
+    Areas,
     GuidedSearchEnv,
     checked_seed,
     path_cost,
-    prepared_regions,
-    regions_of,
 )
 from guided_gym.envs.observations import (
     MAX_COST,
@@ -181,7 +180,7 @@ class GuidedSearchVectorEnv(VectorEnv[Any, Any, Any]):
         self._drawn: list[tuple[Environment, NDArray[np.uint8]] | None] = [None] * n
         self._searches: list[Search | None] = [None] * n
         self._measures: list[Measure | None] = [None] * n
-        self._areas: list[tuple[Problem, NDArray[np.object_]] | None] = [None] * n
+        self._areas: list[tuple[Problem, Areas] | None] = [None] * n
         self._next_number = 0
         self._rngs: list[np.random.Generator | None] = [None] * n
         self._seeds = [-1] * n
@@ -375,7 +374,7 @@ class GuidedSearchVectorEnv(VectorEnv[Any, Any, Any]):
                 own = self._dimension[i] == d
                 if own.any():
                     q[own] = areas[0].robot.position(trees.configurations[i[own], node[own]])
-            self._regions[i, node] = regions_of(areas[1], q)
+            self._regions[i, node] = areas[1].of_many(q)
 
     def _rewards(self, stepped: NDArray[np.int64]) -> NDArray[np.float64]:
         rewards = np.zeros(self.num_envs)
@@ -525,7 +524,7 @@ class GuidedSearchVectorEnv(VectorEnv[Any, Any, Any]):
             if known is not None and known[0] is problem:
                 self._areas[i], self._area_numbers[i] = known, self._area_numbers[j]
                 return
-        self._areas[i], self._area_numbers[i] = (problem, prepared_regions(problem)), self._next_number
+        self._areas[i], self._area_numbers[i] = (problem, Areas(problem)), self._next_number
         self._next_number += 1
 
     def _workspace(self, i: int, environment: Environment) -> NDArray[np.uint8]:

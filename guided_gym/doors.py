@@ -49,35 +49,38 @@ class _Kind(NamedTuple):
     Attributes:
         read: Gives the value to hand on, or _MISFIT.
         words: What messages call it.
-        early: Whether an isinstance says all.
+        classes: Those that it is an instance of one of, where that says all; else none.
     """
 
     read: Reader
     words: str
-    early: bool = False
+    classes: tuple[type, ...] = ()
 
 
 def door(call: Callable[P, R]) -> Callable[P, R]:
     """Hold the arguments of a function or method to their annotations, see the top of this module."""
     code = call.__code__  # type: ignore[attr-defined]
     names = code.co_varnames[: code.co_argcount]
-    checks: list[tuple[int, str, _Kind]] | None = None  # place, name and kind of each parameter to check
+    # Place, name, classes and kind of each parameter to check.
+    checks: list[tuple[int, str, tuple[type, ...], _Kind]] | None = None
 
     @functools.wraps(call)
     def opened(*args: P.args, **kwargs: P.kwargs) -> R:
         nonlocal checks
         if checks is None:
             places = {name: place for place, name in enumerate(names)}
-            early = {name: kind for name, kind in _kinds(call, False).items() if kind.early}
-            checks = [(places.get(name, sys.maxsize), name, kind) for name, kind in early.items()]
-        for place, name, kind in checks:  # on the way of every step: nothing else is looked at
+            early = {name: kind for name, kind in _kinds(call, False).items() if kind.classes}
+            checks = [
+                (places.get(name, sys.maxsize), name, kind.classes, kind) for name, kind in early.items()
+            ]
+        for place, name, classes, kind in checks:  # on the way of every step: nothing else is looked at
             if place < len(args):
                 value: object = args[place]
             elif name in kwargs:
                 value = kwargs[name]
             else:
                 continue
-            if kind.read(value) is _MISFIT:
+            if not isinstance(value, classes):
                 raise _refused(name, kind, value)
         try:
             return call(*args, **kwargs)
@@ -93,7 +96,10 @@ def door(call: Callable[P, R]) -> Callable[P, R]:
 
 
 def doors(cls: C) -> C:
-    """`door` for a class: its constructor, and its public methods unless they are marked already."""
+    """`door` for a class: its constructor, and its public methods unless they are marked already.
+
+    Methods that take nothing have nothing to check.
+    """
     for name, member in list(vars(cls).items()):
         if isinstance(member, classmethod | staticmethod) and not name.startswith("_"):
             if not hasattr(member.__func__, "__wrapped__"):
@@ -102,6 +108,7 @@ def doors(cls: C) -> C:
             inspect.isfunction(member)
             and not hasattr(member, "__wrapped__")
             and (name in ("__init__", "__new__") or not name.startswith("_"))
+            and inspect.get_annotations(member).keys() - {"return"}
         ):
             setattr(cls, name, door(member))
     return cls
@@ -188,7 +195,7 @@ def _resolved(annotation: Any, call: Callable[..., Any], thorough: bool) -> Any:
 def _kind(hint: Any) -> _Kind | None:
     """What an annotation asks for; None for anything."""
     if hint is None or hint is type(None):
-        return _Kind(lambda value: None if value is None else _MISFIT, "None", True)
+        return _Kind(lambda value: None if value is None else _MISFIT, "None", (type(None),))
     if isinstance(hint, TypeVar):
         return _kind(hint.__bound__) if hint.__bound__ is not None else None
     if isinstance(hint, type) and hint in _PLAIN:
@@ -204,7 +211,7 @@ def _kind(hint: Any) -> _Kind | None:
         return _protocol(hint)
     # Others than ours are left to the function first: it may take more than it says.
     ours = hint.__module__.partition(".")[0] == (__package__ or "").partition(".")[0]
-    return _Kind(lambda value: value if isinstance(value, hint) else _MISFIT, _an(hint.__name__), ours)
+    return _Kind(_of(hint), _an(hint.__name__), (hint,) if ours else ())
 
 
 def _generic(origin: Any, arguments: tuple[Any, ...]) -> _Kind | None:
@@ -218,7 +225,7 @@ def _generic(origin: Any, arguments: tuple[Any, ...]) -> _Kind | None:
     if origin is np.ndarray:
         return _Kind(_array, "an array of numbers")
     if origin is type:
-        return _Kind(lambda value: value if isinstance(value, type) else _MISFIT, "a class", True)
+        return _Kind(_of(type), "a class", (type,))
     if not isinstance(origin, type):
         return None
     if issubclass(origin, Mapping):
@@ -249,7 +256,8 @@ def _either(kinds: list[_Kind | None]) -> _Kind | None:
 
     words = [kind.words for kind in known if kind.words != "None" or len(known) == 1]
     said = ", ".join(words[:-1]) + f" or {words[-1]}" if len(words) > 1 else words[0]
-    return _Kind(read, said, all(kind.early for kind in known))
+    every = all(kind.classes for kind in known)
+    return _Kind(read, said, tuple(one for kind in known for one in kind.classes) if every else ())
 
 
 def _protocol(hint: Any) -> _Kind:
@@ -382,5 +390,5 @@ _PLAIN: Final[dict[Any, _Kind]] = {
     list: _Kind(_of(list), "a list"),
     dict: _Kind(_of(dict), "a dictionary"),
     np.ndarray: _Kind(_array, "an array of numbers"),
-    np.random.Generator: _Kind(_of(np.random.Generator), "a numpy.random.Generator", True),
+    np.random.Generator: _Kind(_of(np.random.Generator), "a numpy.random.Generator", (np.random.Generator,)),
 }

@@ -278,7 +278,7 @@ class Search:
 
     def _checked(self, node: int, target: NDArray[np.float64]) -> NDArray[np.float64]:
         """``target`` as the kernels take it; they check no bounds."""
-        self.check_node(node)
+        self.tree.check_node(node)
         if not (type(target) is np.ndarray and target.dtype == np.float64 and target.flags.carray):
             target = np.require(target, np.float64, ["C", "W"])
         if target.shape != self.start.shape or not all(map(math.isfinite, target.tolist())):

@@ -159,6 +159,10 @@ class SearchTree:
         Raises:
             InvalidInputError: It is not one.
         """
+        self._check(node)
+
+    def _check(self, node: int) -> None:
+        """`check_node` for what is called with each sample."""
         if not ((type(node) is int or isinstance(node, int | np.integer)) and 0 <= node < self._n):
             raise InvalidInputError(f"node: expected an integer, 0 to {self._n - 1}, got {shown(node)}")
 
@@ -179,7 +183,7 @@ class SearchTree:
         Raises:
             InvalidInputError: There is no such node, ``q`` is not a configuration, or the length is not one.
         """
-        self.check_node(parent)
+        self._check(parent)
         q = self.space.configuration(q)
         if not length >= 0:  # nor is NaN
             raise InvalidInputError(f"length: expected a number >= 0, got {shown(length)}")
@@ -194,7 +198,7 @@ class SearchTree:
         Raises:
             InvalidInputError: There is no such node, or one of the two is no configuration.
         """
-        self.check_node(node)
+        self._check(node)
         target, contact = self.space.configuration(target), self.space.configuration(contact)
         i = self._failed
         if i == self.failed.nodes.size:
@@ -211,7 +215,7 @@ class SearchTree:
         Raises:
             InvalidInputError: There is no such node.
         """
-        self.check_node(node)
+        self._check(node)
         path = [node]
         while (node := int(self.nodes.parents[node])) != NO_PARENT:
             path.append(node)
@@ -225,8 +229,8 @@ class SearchTree:
         Raises:
             InvalidInputError: There is no such node, or the length is not one.
         """
-        self.check_node(node)
-        self.check_node(parent)
+        self._check(node)
+        self._check(parent)
         number("length", length, least=0)
         if node == ROOT:
             raise InvalidInputError("node: expected one that has a parent, got the root")

@@ -10,6 +10,7 @@ import pytest
 import shapely
 
 from guided_gym import GuidedSearchEnv, Problem, make_distribution, make_guidance
+from guided_gym.envs.guided_search_env import Areas
 from guided_gym.registration import ENVIRONMENTS, SELECTIONS
 
 IDS = [*ENVIRONMENTS, *SELECTIONS]
@@ -66,3 +67,17 @@ def test_a_region_is_the_first_that_the_node_lies_in():
         inside = [name for name in names if problem.regions[name].intersects(shapely.Point(xy))]
         assert info["region"] == (names.index(inside[0]) if inside else -1)
     assert math.isfinite(info["cost"])
+
+
+def test_one_position_is_looked_up_as_many_are_with_boxes_corners_and_holes():
+    shapes = {
+        "hole": shapely.box(0, 0, 4, 4).difference(shapely.box(1, 1, 3, 3)),
+        "box": shapely.box(2, 2, 6, 3),
+        "triangle": shapely.Polygon([(5, 0), (8, 0), (8, 4)]),
+    }
+    problem = make_distribution("TrapCup").problem(0)
+    areas = Areas(Problem(problem.robot, problem.environment, problem.task, regions=shapes))
+    xy = np.array([(x, y) for x in np.arange(-1, 10, 0.5) for y in np.arange(-1, 6, 0.5)])
+    one_by_one = [areas.of(x, y) for x, y in xy.tolist()]
+    assert areas.of_many(xy).tolist() == one_by_one and set(one_by_one) == {-1, 0, 1, 2}
+    assert areas.of(2.5, 2.5) == 1 and areas.of(1, 1) == 0 and areas.of(5, 3) == 1 and areas.of(5.5, 1) == -1

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 import guided_gym as gg
-from guided_gym.doors import door
+from guided_gym.doors import door, doors
 from guided_gym.errors import InvalidInputError
 
 
@@ -65,3 +65,23 @@ def test_methods_that_a_class_inherits_are_held_to_their_annotations_too() -> No
 def test_a_random_agent_wants_a_seed_that_can_be_one() -> None:
     with pytest.raises(InvalidInputError, match="seed: expected an integer, at least 0, got -1"):
         gg.RandomAgent(seed=-1)
+
+
+def test_doors__leaves_methods_that_take_nothing_as_they_are_and_holds_the_others() -> None:
+    @doors
+    class Thing:
+        def size(self) -> int:
+            return 3
+
+        def times(self, count: int) -> int:
+            return 3 * count
+
+        def drawn(self, rng: np.random.Generator | None = None) -> float:
+            return 0.0 if rng is None else rng.random()
+
+    assert not hasattr(Thing.size, "__wrapped__")
+    assert Thing().drawn() == Thing().drawn(None) == 0.0 < Thing().drawn(np.random.default_rng(0))
+    with pytest.raises(InvalidInputError, match="rng: expected"):
+        Thing().drawn(rng=3)  # type: ignore[arg-type]
+    with pytest.raises(InvalidInputError, match="count: expected an integer"):
+        Thing().times({1})  # type: ignore[arg-type]
