@@ -98,7 +98,7 @@ def parted_cells(space: ConfigurationSpace, task: Task) -> str | None:
     frame, cell = _frame(space)
     edges, bounds = obstacle_edges(space.environment), np.array(space.environment.bounds)
     body, radius = body_discs(robot, cell) / cell, robot.radius / cell
-    ground = fields.unseen(edges, bounds, frame, _CELLS, turns, body, radius)
+    ground = fields.unseen(edges, bounds, frame, _CELLS, turns, body, radius, fields.FINE)
     fields.look_everywhere(ground)
     # How far a point of the robot may be from where it is at the middle of its cell, and how far the samples
     # that tell its distance to the obstacles may be from it.

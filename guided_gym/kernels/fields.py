@@ -52,9 +52,9 @@ def _edge_square(edges: FloatArray, e: int, x: float, y: float) -> float:
 
 
 @njit(cache=True)
-def _signs(edges: FloatArray, frame: FloatArray, n: int) -> Field:
-    """-1 inside the obstacles and 1 outside at each sample: (n * FINE, n * FINE), line by line."""
-    m, step = n * FINE, frame[CELL] / FINE
+def _signs(edges: FloatArray, frame: FloatArray, n: int, fine: int) -> Field:
+    """-1 inside the obstacles and 1 outside at each sample: (n * fine, n * fine), line by line."""
+    m, step = n * fine, frame[CELL] / fine
     left = frame[ORIGIN_X] - frame[CELL] / 2 + step / 2
     low = frame[ORIGIN_Y] - frame[CELL] / 2 + step / 2
     out = np.ones((m, m), dtype=np.float32)
@@ -100,11 +100,12 @@ class Ground(NamedTuple):
         edges: (e, 4) edges x0, y0, x1, y1 of the obstacles' union, in any order.
         bounds: (4,) xmin, ymin, xmax, ymax.
         frame: Where the cells lie.
-        distances: (n * FINE, n * FINE) distance to the nearest obstacle or bound, in cells, negative inside
-            or outside: each cell has FINE x FINE samples, at the middles of its equal parts. Only its sign
-            counts in blocks that have not been looked at.
+        distances: (n * f, n * f) distance to the nearest obstacle or bound, in cells, negative inside or
+            outside: each cell has f x f samples, at the middles of its equal parts, f being `FINE` or 1. Only
+            its sign counts in blocks that have not been looked at.
         seen: (b, b) which blocks of cells have been.
-        body: (k, 3) discs x, y, radius in the body frame that fill the robot, in cells.
+        body: (k, 3) discs x, y, radius in the body frame that fill the robot, in cells. Where f is 1, one disc
+            around the reference point.
         radius: (1,) circumradius of the robot, in cells.
         room: (n, n, T) room of the robot in cells, as far as the samples tell: the least distance less radius
             over the discs; negative where it overlaps, NaN in blocks that have not been looked at.
@@ -131,6 +132,7 @@ def unseen(
     turns: int,
     body: FloatArray,
     radius: float,
+    fine: int,
 ) -> Ground:
     """The ground of n x n cells and ``turns`` headings, of which only the signs are known; see `Ground`."""
     blocks = (n + _BLOCK - 1) // _BLOCK
@@ -138,7 +140,7 @@ def unseen(
         edges,
         bounds,
         frame,
-        _signs(edges, frame, n),
+        _signs(edges, frame, n, fine),
         np.zeros((blocks, blocks), np.bool_),
         body,
         np.array([radius]),
@@ -155,12 +157,27 @@ def look(ground: Ground, r: int, c: int) -> None:
     ground.looked[r // _BLOCK, c // _BLOCK] = True
     n, wide = ground.room.shape[0], int(ground.radius[0]) + 2
     r0, c0 = r // _BLOCK * _BLOCK, c // _BLOCK * _BLOCK
+    if ground.distances.shape[0] == n:
+        _measure_discs(ground, r0, c0)
+        return
     for i in range(max(r0 - wide, 0) // _BLOCK, min(r0 + _BLOCK - 1 + wide, n - 1) // _BLOCK + 1):
         for j in range(max(c0 - wide, 0) // _BLOCK, min(c0 + _BLOCK - 1 + wide, n - 1) // _BLOCK + 1):
             if not ground.seen[i, j]:
                 ground.seen[i, j] = True
                 _sample_block(ground, i * _BLOCK, j * _BLOCK)
     _measure_block(ground.distances, ground.body, r0, c0, wide, ground.room)
+
+
+@njit(cache=True)
+def _measure_discs(ground: Ground, r0: int, c0: int) -> None:
+    """Enter the room of a disc around the reference point at the cells of a block, by one sample each."""
+    n = ground.room.shape[0]
+    if not ground.seen[r0 // _BLOCK, c0 // _BLOCK]:
+        ground.seen[r0 // _BLOCK, c0 // _BLOCK] = True
+        _sample_block(ground, r0, c0)
+    for r in range(r0, min(r0 + _BLOCK, n)):
+        for c in range(c0, min(c0 + _BLOCK, n)):
+            ground.room[r, c, :] = ground.distances[r, c] - ground.body[0, 2]
 
 
 @njit(cache=True)
@@ -240,7 +257,23 @@ def _sample_block(ground: Ground, r0: int, c0: int) -> None:
     near = block[: _near(edges, np.arange(count), x + wide / 2, y + wide / 2, half, block, room)]
     for r in range(r0, min(r0 + _BLOCK, n)):
         for c in range(c0, min(c0 + _BLOCK, n)):
-            _sample_cell(edges, bounds, frame, r, c, near, few, room, scratch, out)
+            if out.shape[0] == n:
+                _sample_middle(edges, bounds, frame, r, c, near, out)
+            else:
+                _sample_cell(edges, bounds, frame, r, c, near, few, room, scratch, out)
+
+
+@njit(cache=True)
+def _sample_middle(
+    edges: FloatArray, bounds: FloatArray, frame: FloatArray, r: int, c: int, near: IntArray, out: Field
+) -> None:
+    """Turn the sign of one cell's only sample into a signed distance, by the edges near it."""
+    x, y = frame[ORIGIN_X] + c * frame[CELL], frame[ORIGIN_Y] + r * frame[CELL]
+    square = np.inf
+    for e in near:
+        square = min(square, _edge_square(edges, e, x, y))
+    spare = min(x - bounds[0], bounds[2] - x, y - bounds[1], bounds[3] - y)
+    out[r, c] = min(math.sqrt(square) * out[r, c], spare) / frame[CELL]
 
 
 @njit(cache=True)
@@ -292,21 +325,28 @@ def _lower_squares(squares: FloatArray, xs: FloatArray, ys: FloatArray, edge: Fl
 
 @njit(cache=True)
 def _room(
-    distances: Field, gx: float, gy: float, cos: float, sin: float, body: FloatArray, enough: float
+    distances: Field,
+    fine: int,
+    gx: float,
+    gy: float,
+    cos: float,
+    sin: float,
+    body: FloatArray,
+    enough: float,
 ) -> float:
     """Least distance less radius over the discs of a body at (gx, gy), all in cells; ends at ``enough``."""
     m = distances.shape[0]
     least = np.inf
     for p in range(body.shape[0]):
-        x = (gx + cos * body[p, 0] - sin * body[p, 1] + 0.5) * FINE - 0.5
-        y = (gy + sin * body[p, 0] + cos * body[p, 1] + 0.5) * FINE - 0.5
+        x = (gx + cos * body[p, 0] - sin * body[p, 1] + 0.5) * fine - 0.5
+        y = (gy + sin * body[p, 0] + cos * body[p, 1] + 0.5) * fine - 0.5
         cx, cy = min(max(x, 0.0), m - 1.001), min(max(y, 0.0), m - 1.001)
         i, j = int(cx), int(cy)
         fx, fy = cx - i, cy - j
         low = distances[j, i] + fx * (distances[j, i + 1] - distances[j, i])
         high = distances[j + 1, i] + fx * (distances[j + 1, i + 1] - distances[j + 1, i])
         # Beyond the samples, the value at the rim less the way to it.
-        value = low + fy * (high - low) - (abs(x - cx) + abs(y - cy)) / FINE - body[p, 2]
+        value = low + fy * (high - low) - (abs(x - cx) + abs(y - cy)) / fine - body[p, 2]
         if value < least:
             least = value
             if least <= enough:
@@ -666,9 +706,7 @@ def corners(qs: FloatArray, field: Field, frame: FloatArray) -> tuple[IntArray, 
 
 
 @njit(cache=True)
-def spare_room(
-    q: FloatArray, ends: FloatArray, distances: Field, body: FloatArray, frame: FloatArray, parts: int
-) -> FloatArray:
+def spare_room(q: FloatArray, ends: FloatArray, ground: Ground, frame: FloatArray, parts: int) -> FloatArray:
     """(m,) how sure it is that the motions from q to ends (m, d) have room, in cells: at least 0 if it is.
 
     The least, over pairs of neighbouring poses, of their rooms less the way between them: what has no room
@@ -677,12 +715,12 @@ def spare_room(
     Args:
         q: (d,) where the motions begin.
         ends: (m, d) where they end.
-        distances: (n * FINE, n * FINE) what `signed_distances` gives.
-        body: (k, 3) discs that fill the robot, in cells.
+        ground: The workspace and the robot; looked at where the motions are.
         frame: Where the cells lie.
         parts: Pairs of poses along a motion.
     """
-    d = q.size
+    d, distances, body = q.size, ground.distances, ground.body
+    fine = distances.shape[0] // ground.room.shape[0]
     out = np.empty(ends.shape[0])
     for m in range(ends.shape[0]):
         turn = 0.0
@@ -696,7 +734,8 @@ def spare_room(
             t = p / parts
             gx, gy = (q[0] - frame[ORIGIN_X]) / frame[CELL], (q[1] - frame[ORIGIN_Y]) / frame[CELL]
             theta = q[2] + t * turn if d > 2 else 0.0
-            room = _room(distances, gx + t * dx, gy + t * dy, math.cos(theta), math.sin(theta), body, LEAST)
+            at = gx + t * dx, gy + t * dy
+            room = _room(distances, fine, at[0], at[1], math.cos(theta), math.sin(theta), body, LEAST)
             if p > 0:
                 least = min(least, before + room - way)
             before = room

@@ -15,6 +15,7 @@ import numpy as np
 import numpy.typing as npt
 from numba import njit
 
+from guided_gym.kernels.collision import Geometry
 from guided_gym.kernels.fields import (
     CELL,
     ORIGIN_X,
@@ -25,7 +26,10 @@ from guided_gym.kernels.fields import (
     FloatArray,
     Ground,
     IntArray,
+    Joined,
     Links,
+    join,
+    joined_values,
     look,
 )
 
@@ -190,6 +194,36 @@ def reach(front: Front, ground: Ground, places: IntArray) -> None:
         run(front, ground, left)
         for place in places:
             front.aims[place] = False
+
+
+@njit(cache=True)
+def values(front: Front, ground: Ground, floor: Field, joined: Joined) -> FloatArray:
+    """(m,) cost-to-go of configurations joined to the grid; the wave runs on to them (see `joined_values`)."""
+    left = 0
+    for place, length in zip(joined.places[:, :8].flat, joined.lengths[:, :8].flat):
+        if length < np.inf and front.known[place] == np.inf and not front.aims[place]:
+            front.aims[place] = True
+            left += 1
+    if left:
+        run(front, ground, left)
+        for place in joined.places[:, :8].flat:
+            front.aims[place] = False
+    return joined_values(joined, front.known, floor, front.effort)
+
+
+@njit(cache=True)
+def arrive(
+    front: Front,
+    ground: Ground,
+    floor: Field,
+    seems: Field,
+    frame: FloatArray,
+    geometry: Geometry,
+    qs: FloatArray,
+) -> tuple[Joined, FloatArray]:
+    """How configurations (m, d) are joined to the grid (see `join`), and their cost-to-go (m,)."""
+    joined = join(qs, ground, seems, frame, geometry)
+    return joined, values(front, ground, floor, joined)
 
 
 @njit(cache=True)

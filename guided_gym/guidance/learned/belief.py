@@ -161,7 +161,8 @@ def _raster(space: ConfigurationSpace, cells: int) -> tuple[Any, tuple[float, fl
     frame = square_frame(environment.bounds, max(xmax - xmin, ymax - ymin), cells)
     cell = float(frame[fields.CELL])
     edges, bounds = obstacle_edges(environment), np.array(environment.bounds)
-    ground = fields.unseen(edges, bounds, frame, cells, 1, np.zeros((1, 3)), 0.0)  # of a point
+    point = np.zeros((1, 3)), 0.0
+    ground = fields.unseen(edges, bounds, frame, cells, 1, *point, fields.FINE)
     fields.look_everywhere(ground)
     step = cell / fields.FINE
     low = [float(frame[i]) - cell / 2 + step / 2 for i in (fields.ORIGIN_X, fields.ORIGIN_Y)]

@@ -11,7 +11,7 @@ import math
 from collections import OrderedDict
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
-from functools import lru_cache
+from functools import lru_cache, partial
 from typing import Any, Final, NamedTuple
 
 import numpy as np
@@ -38,6 +38,7 @@ _SURE_PARTS: Final = 32  # poses along a motion to the goal
 _FINER: Final = 3  # grids that are tried, each about 3/2 times as fine as the one before
 _LEAST: Final = 1e-6  # cells; a value of 0 would have no sign
 _FEW: Final = 8  # headings
+_ROUND: Final = 0.99  # of the circumradius inside which a robot is: it is as good as a disc
 _ROUGH: Final = 1.1  # lengths: the grid is no more exact than that
 _SLOWEST: Final = 1e3  # times that failures may slow down a pose
 _KEPT: Final = 8  # problems whose fields are kept
@@ -57,12 +58,23 @@ def body_discs(robot: Robot, spacing: float) -> FloatArray:
     outline, radius = robot.outline, robot.radius
     if isinstance(outline, shapely.Point) or radius == 0.0:
         return np.array([[*shapely.get_coordinates(outline)[0], 0.0]])
+    inside = _inner_radius(robot)
+    if inside >= _ROUND * radius:
+        return np.array([[0.0, 0.0, inside]])
     border = outline.boundary if isinstance(outline, shapely.Polygon) else outline
     points = shapely.get_coordinates(shapely.segmentize(border, min(radius / 4.0, spacing)))
     discs = [np.column_stack([points, np.zeros(len(points))])]
     if isinstance(outline, shapely.Polygon):
         discs.append(_inner_discs(outline, radius / 8.0))
     return np.ascontiguousarray(np.unique(np.concatenate(discs), axis=0))
+
+
+def _inner_radius(robot: Robot) -> float:
+    """Radius of the largest disc around the reference point inside the robot's outline; 0 if it is outside."""
+    outline, reference = robot.outline, shapely.Point(0.0, 0.0)
+    if not (isinstance(outline, shapely.Polygon) and outline.contains(reference)):
+        return 0.0
+    return float(outline.boundary.distance(reference))
 
 
 def _inner_discs(outline: shapely.Polygon, spacing: float) -> FloatArray:
@@ -166,14 +178,16 @@ class PoseGrid:
         if space.dimension == 3:
             turns = headings if whole or width < cell else _headings(robot, min(2.0 * cell, width), headings)
         body, radius = body_discs(robot, cell) / cell, robot.radius / cell
-        thin = width < max(cell, 2.0 * math.pi / turns * robot.radius)
+        thin = width < (max(cell, 2.0 * math.pi / turns * robot.radius) if space.dimension == 3 else cell)
         edges = obstacle_edges(space.environment), np.array(bounds)
+        # Of a disc around the reference point the room at the middle of a cell is what one sample tells.
+        fine = 1 if len(body) == 1 and not body[0, :2].any() and not whole else fields.FINE
+        made = partial(fields.unseen, *edges, frame, cells, turns, body, radius, fine)
         if not (whole or thin or is_keeping()):
-            ground = fields.unseen(*edges, frame, cells, turns, body, radius)
-            return cls(ground, np.zeros((0, 0), np.float32), geometry=space.geometry)
+            return cls(made(), np.zeros((0, 0), np.float32), geometry=space.geometry)
 
         def looked_at() -> Arrays:
-            ground = fields.unseen(*edges, frame, cells, turns, body, radius)
+            ground = made()
             fields.look_everywhere(ground)
             closed, looks = np.zeros((0, 0, 0), np.uint8), 0
             if thin:
@@ -181,9 +195,10 @@ class PoseGrid:
             found = {"closed": closed, "looks": np.array([looks])}
             return {"distances": ground.distances, "room": ground.room, **found}
 
-        key = f"{space.fingerprint()} {cells} {turns}"
-        kept = prepared("wave 2", key, looked_at, lambda kept: _is_raster(kept, cells, turns))
-        known = cls.known(frame, kept["room"], _workspace(kept["distances"]), kept["distances"], body)
+        key = f"{space.fingerprint()} {cells} {turns} {fine}"
+        kept = prepared("wave 3", key, looked_at, lambda kept: _is_raster(kept, cells, turns, fine))
+        workspace = _workspace(kept["distances"], cells)
+        known = cls.known(frame, kept["room"], workspace, kept["distances"], body)
         return replace(
             known, closed=kept["closed"], link_looks=int(kept["looks"][0]), geometry=space.geometry
         )
@@ -232,8 +247,7 @@ class PoseGrid:
             chosen = collision.motions_free(np.repeat(goal[None], len(ends), axis=0), ends, self.geometry)
         if not chosen.any():
             fields.look_around(self.ground, places)
-            distances, body = self.ground.distances, self.ground.body
-            spare = fields.spare_room(goal, ends, distances, body, frame, _SURE_PARTS)
+            spare = fields.spare_room(goal, ends, self.ground, frame, _SURE_PARTS)
             chosen = spare >= 0.0 if (spare >= 0.0).any() else spare == spare.max()
         away = [fields.goal_distance(x, y, theta, frame) for x, y, theta in poses[chosen].tolist()]
         return places[chosen], np.array(away)
@@ -243,21 +257,22 @@ class PoseGrid:
         return self.link_looks + len(fields.poses_near_goal(self.room.shape, frame, _NEAR_GOAL)[0])
 
 
-def _is_raster(kept: Arrays, cells: int, turns: int) -> bool:
+def _is_raster(kept: Arrays, cells: int, turns: int, fine: int) -> bool:
     """Whether arrays from a file have the types and shapes of those of a grid."""
     closed = (cells, cells, turns) if kept["closed"].size else (0, 0, 0)
     return (
-        fits(kept["distances"], np.float32, cells * fields.FINE, cells * fields.FINE)
+        fits(kept["distances"], np.float32, cells * fine, cells * fine)
         and fits(kept["room"], np.float32, cells, cells, turns)
         and fits(kept["closed"], np.uint8, *closed)
         and fits(kept["looks"], np.int64, 1)
     )
 
 
-def _workspace(distances: Field) -> Field:
+def _workspace(distances: Field, cells: int) -> Field:
     """(n, n) distances at the middles of the cells."""
-    fine = fields.FINE
-    cells = len(distances) // fine
+    fine = len(distances) // cells
+    if fine == 1:
+        return distances
     blocks = distances.reshape(cells, fine, cells, fine)[:, fine // 2 - 1 :, :, fine // 2 - 1 :]
     return np.asarray(blocks[:, :2, :, :2].mean(axis=(1, 3)))
 
@@ -306,10 +321,16 @@ class Arrivals(NamedTuple):
 
     def at(self, joined: fields.Joined) -> FloatArray:
         """(m,) cost-to-go of configurations that are joined to the grid."""
-        known = np.isfinite(joined.lengths[:, :8])
-        front = self.front
-        marching.reach(front, self.grid.ground, joined.places[:, :8][known])
-        return fields.joined_values(joined, front.known, self.floor, front.effort)
+        return marching.values(self.front, self.grid.ground, self.floor, joined)
+
+    def arrive(self, q: FloatArray) -> tuple[fields.Joined, FloatArray]:
+        """How configurations (m, d) are joined to the grid, and their cost-to-go (m,)."""
+        q = np.require(q, np.float64, ["C", "W"])
+        geometry = self.grid.geometry
+        assert geometry is not None
+        return marching.arrive(
+            self.front, self.grid.ground, self.floor, self.seems, self.frame, geometry, q
+        )  # fmt: skip
 
     def join(self, q: FloatArray) -> fields.Joined:
         """How configurations (m, d) are joined to the grid."""
@@ -336,8 +357,7 @@ class Arrivals(NamedTuple):
 
     def blocked_from(self, start: FloatArray) -> bool:
         """Whether something seems blocked on the way from a configuration (d,)."""
-        joined = self.join(start[None])
-        self.at(joined)
+        self.arrive(start[None])
         known = self.inner(self.front.known)
         signed = np.where(self.seems > 0, known, -known)
         return bool(fields.blocked_on_way(start, signed, self.grid.closed, self.frame))
@@ -515,13 +535,14 @@ class Wave:
     def __call__(self, states: FloatArray) -> FloatArray:
         """(n, d') states to (n,) cost-to-go (length); infinite in collision and where it is forbidden."""
         self._run_again()
-        self._asked = self._now.join(states)
-        return self._allowed(states, self._now.at(self._asked))
+        self._asked, self._heard = self._now.arrive(states)
+        return self._allowed(states, self._heard)
 
     def _allowed(self, states: FloatArray, values: FloatArray) -> FloatArray:
         """(n,) values, infinite where states are forbidden."""
         centres, reaches = self._forbidden
         if reaches.size:
+            values = values.copy()
             away = self._space.distance(states[:, None], centres)
             values[(away <= reaches).any(axis=1)] = np.inf
         return values
@@ -540,8 +561,9 @@ class Wave:
             node: The node, among those that `follow` has seen.
             lengths: (n,) length of the motion to each.
         """
-        here = self._rows(node, node + 1)
-        return np.asarray(self._first.at(self._asked) >= self._first.at(here)[0] - _ROUGH * lengths)
+        here = self._first.at(self._rows(node, node + 1))[0]
+        there = self._heard if self._now is self._first else self._first.at(self._asked)
+        return np.asarray(there >= here - _ROUGH * lengths)
 
     def _rows(self, first: int, last: int) -> fields.Joined:
         places, shares, lengths = self._joined
@@ -558,9 +580,12 @@ class Wave:
                 np.resize(places, (2 * n, 9)), np.resize(shares, (2 * n, 8)), np.resize(lengths, (2 * n, 10))
             )
         if n > self._nodes:
-            fresh = self._now.join(states[self._nodes : n])
+            fresh, values = self._now.arrive(states[self._nodes : n])
             rows = self._rows(self._nodes, n)
             rows.places[:], rows.shares[:], rows.lengths[:] = fresh
+            if self._upheld == self._nodes:
+                self._values[self._upheld : n] = self._allowed(states[self._upheld : n], values)
+                self._upheld = n
             self._nodes = n
         if n > self._upheld:
             values = self._now.at(self._rows(self._upheld, n))

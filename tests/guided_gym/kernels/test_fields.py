@@ -56,7 +56,7 @@ def ground_of(
     n: int = N,
 ) -> fields.Ground:
     frame = frame_of() if frame is None else frame
-    return fields.unseen(edges, UNIT, frame, n, turns, np.asarray(body, np.float64), radius)
+    return fields.unseen(edges, UNIT, frame, n, turns, np.asarray(body, np.float64), radius, FINE)
 
 
 def distances_of(edges: np.ndarray, frame: np.ndarray | None = None, n: int = N) -> np.ndarray:
