@@ -23,16 +23,20 @@ from guided_gym.guidance.base import GuidingSpace
 from guided_gym.guidance.modifications import SAME, UNCHANGED, EnvironmentModification, RobotModification
 from guided_gym.guidance.proof import parted_cells, parted_workspace
 from guided_gym.guidance.solvers.base import CostToGo, Doubts, Query
+from guided_gym.kernels.extend import FAILED, GREW, REACHED_TOLERANCE
+from guided_gym.kernels.metric import separation, separations
 from guided_gym.kernels.turns import charged
+from guided_gym.kernels.wave_growth import Terms
 from guided_gym.options import checked_candidates
 from guided_gym.problems import Task
-from guided_gym.search.search import Expansion
+from guided_gym.search.search import NO_NODE, Expansion
 from guided_gym.search.tree import SearchTree
 
 Floats = NDArray[np.float64]
 Proof = Callable[[ConfigurationSpace, Task], str | None]
 
 _PATIENCE: Final = 500  # samples before the dearer proof is tried
+_BURST: Final = 64  # samples in one go
 
 
 @doors
@@ -127,6 +131,8 @@ class Composed(GuidingSpace):
             self.solver.begin(self.query, self.rng, self.planner.step)
         except InvalidInputError as error:
             raise InvalidInputError(f"{error} (guidance {self.expression or self.name!r})") from error
+        # How many of a configuration's coordinates are its state, where that is all that P does.
+        self._leading = easier.dimension if self.robot.keeps else getattr(self.robot, "leading", None)
         self._states = np.zeros((0, easier.dimension))
         self._projected = 0
         self._least: tuple[tuple[int, int, int], tuple[int, float]] | None = None
@@ -244,7 +250,7 @@ class Composed(GuidingSpace):
         if (
             untried
             and not self.search.task.by_edge
-            and self.space.distance(q, self.goal) <= self.planner.step
+            and separation(q, self.goal, self.space.metric) <= self.planner.step
         ):
             return self.goal.copy()
         candidates = self.planner.candidates(q, self.candidates)
@@ -258,10 +264,43 @@ class Composed(GuidingSpace):
         plausible = getattr(self.solver, "plausible", None)
         if plausible is not None:
             self.costs(tree)  # the solver has seen the node
-            likely = plausible(node, self.space.distance(candidates, q))
+            likely = plausible(node, separations(candidates, q, self.space.metric))
             h = np.where(likely, h, np.inf) if np.isfinite(h[likely]).any() else h
         best: Floats = candidates[np.argmin(h)]
         return best
+
+    def burst(self, limit: int) -> NDArray[np.int32] | None:
+        """Samples in one go, up to the first that fails, where the solver has a kernel for it.
+
+        Only while nobody else listens to the search, and no proof is sought. A subclass may do otherwise.
+        """
+        grow, search = getattr(self.solver, "grow", None), self.search
+        if (
+            grow is None
+            or type(self) is not Composed
+            or search.listeners != [self]
+            or self._leading is None
+            or self.temperature > 0
+            or self.fallback is not None
+            or (self._seek and getattr(self.solver, "hopeless", False))
+        ):
+            return None
+        count = self.planner.candidate_count if self.candidates is None else self.candidates
+        terms = Terms(self._leading, count, self._penalty, self.detour)
+        grown = grow(search, terms, min(limit, _BURST))
+        if grown is None or not len(grown.rows):
+            return None
+        self._least = None
+        rows: NDArray[np.int32] = grown.rows
+        failed, reached = grown.outcome == FAILED, grown.outcome > GREW
+        looks = len(rows) - failed - (grown.outcome == REACHED_TOLERANCE) if search.task.by_edge else 0
+        search.looks += grown.looks
+        search.take_in(len(rows) - failed, int(failed), len(rows) + looks, reached)
+        if failed:
+            tree = search.tree
+            last = tree.failed.targets[tree.failure_count - 1], tree.failed.contacts[tree.failure_count - 1]
+            self.feedback(Expansion(int(rows[-1, 0]), last[0].copy(), NO_NODE, last[1].copy(), False))
+        return rows
 
     def feedback(self, expansion: Expansion) -> None:
         """Teach the solver what a failure means, or have it begin anew in another E'."""

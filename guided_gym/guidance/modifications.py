@@ -41,6 +41,9 @@ class RobotModification(Protocol):
 
     Attributes:
         keeps: Whether C' = C: then a failure in C says of the same state of C' that it is invalid.
+
+    A modification whose states are the first coordinates of a configuration may say how many, as an attribute
+    ``leading`` once `space` was asked for: then searches that a wave guides are compiled (`Composed.burst`).
     """
 
     keeps: bool
@@ -101,6 +104,7 @@ class Point:
     def space(self, space: ConfigurationSpace, environment: Environment, start: Floats) -> ConfigurationSpace:
         """The workspace."""
         self._robot = space.robot
+        self.leading = 2 if isinstance(space.robot, Robot) else None
         if isinstance(environment, SpatialEnvironment):
             return _space(space, _point_in_space(environment), environment)
         return _space(space, _body(Robot.point), environment)
@@ -123,7 +127,7 @@ class Disc(Point):
 
     def space(self, space: ConfigurationSpace, environment: Environment, start: Floats) -> ConfigurationSpace:
         """The space of the disc; of a point where the robot has no room for one."""
-        self._robot = space.robot
+        self._robot, self.leading = space.robot, 2
         return _space(space, _disc_of(rigid(space.robot, "disc"), self.outer), environment)
 
 

@@ -76,6 +76,25 @@ def attempt(
 
 
 @njit(cache=True)
+def add_child(nodes: Nodes, n: int, parent: int, q: Floats, length: float) -> None:
+    """Enter q (d,) as the n-th node, at the end of an edge of that length."""
+    nodes.configurations[n] = q
+    nodes.parents[n] = parent
+    nodes.costs[n] = nodes.costs[parent] + length
+    nodes.depths[n] = nodes.depths[parent] + 1
+    nodes.children[parent] += 1
+
+
+@njit(cache=True)
+def add_failure(nodes: Nodes, failures: Failures, f: int, node: int, target: Floats, contact: Floats) -> None:
+    """Enter the f-th failure: from a node towards a target (d,), free up to a contact (d,)."""
+    failures.nodes[f] = node
+    failures.targets[f] = target
+    failures.contacts[f] = contact
+    nodes.failures[node] += 1
+
+
+@njit(cache=True)
 def grow_rrt(
     samples: Floats,
     sizes: tuple[int, int],
@@ -118,18 +137,11 @@ def grow_rrt(
         record[0][k] = node
         if outcome == FAILED:
             record[1][k] = -1
-            failures.nodes[f] = node
-            failures.targets[f] = target
-            failures.contacts[f] = contact
-            nodes.failures[node] += 1
+            add_failure(nodes, failures, f, node, target, contact)
             f += 1
             continue
         record[1][k] = n
-        nodes.configurations[n] = target
-        nodes.parents[n] = node
-        nodes.costs[n] = nodes.costs[node] + length
-        nodes.depths[n] = nodes.depths[node] + 1
-        nodes.children[node] += 1
+        add_child(nodes, n, node, target, length)
         insert(index, target)
         n += 1
         if outcome != GREW:

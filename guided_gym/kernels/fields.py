@@ -104,8 +104,8 @@ class Ground(NamedTuple):
             outside: each cell has f x f samples, at the middles of its equal parts, f being `FINE` or 1. Only
             its sign counts in blocks that have not been looked at.
         seen: (b, b) which blocks of cells have been.
-        body: (k, 3) discs x, y, radius in the body frame that fill the robot, in cells. Where f is 1, one disc
-            around the reference point.
+        body: (k, 3) discs x, y, radius in the body frame that fill the robot, in cells. Where f is 1, one
+            disc around the reference point.
         radius: (1,) circumradius of the robot, in cells.
         room: (n, n, T) room of the robot in cells, as far as the samples tell: the least distance less radius
             over the discs; negative where it overlaps, NaN in blocks that have not been looked at.

@@ -198,16 +198,20 @@ def reach(front: Front, ground: Ground, places: IntArray) -> None:
 
 @njit(cache=True)
 def values(front: Front, ground: Ground, floor: Field, joined: Joined) -> FloatArray:
-    """(m,) cost-to-go of configurations joined to the grid; the wave runs on to them (see `joined_values`)."""
+    """(m,) cost-to-go of joined configurations, to which the wave runs on; see `joined_values`."""
     left = 0
-    for place, length in zip(joined.places[:, :8].flat, joined.lengths[:, :8].flat):
-        if length < np.inf and front.known[place] == np.inf and not front.aims[place]:
+    for m in range(joined.places.shape[0]):
+        for corner in range(8):
+            place = joined.places[m, corner]
+            if joined.lengths[m, corner] == np.inf or front.known[place] < np.inf or front.aims[place]:
+                continue
             front.aims[place] = True
             left += 1
     if left:
         run(front, ground, left)
-        for place in joined.places[:, :8].flat:
-            front.aims[place] = False
+        for m in range(joined.places.shape[0]):
+            for corner in range(8):
+                front.aims[joined.places[m, corner]] = False
     return joined_values(joined, front.known, floor, front.effort)
 
 

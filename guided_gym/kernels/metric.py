@@ -51,6 +51,15 @@ def separation(a: Floats, b: Floats, metric: Metric) -> float:
 
 
 @njit(cache=True)
+def separations(points: Floats, q: Floats, metric: Metric) -> Floats:
+    """(m,) distances from (m, d) configurations to one (d,)."""
+    out = np.empty(points.shape[0])
+    for m in range(points.shape[0]):
+        out[m] = separation(points[m], q, metric)
+    return out
+
+
+@njit(cache=True)
 def interpolate(a: Floats, b: Floats, t: float, metric: Metric) -> Floats:
     """The configuration at fraction ``t`` of the straight motion from ``a`` to ``b``; (d,) float64.
 

@@ -24,10 +24,11 @@ from guided_gym.geometry.environment import Environment
 from guided_gym.geometry.robots import Robot, rigid
 from guided_gym.geometry.space import ConfigurationSpace
 from guided_gym.guidance.solvers.base import Query, Valid
-from guided_gym.kernels import collision, fields, marching
+from guided_gym.kernels import collision, fields, marching, wave_growth
 from guided_gym.kernels.collision import Geometry
 from guided_gym.kernels.fields import Ground
 from guided_gym.kernels.marching import Front
+from guided_gym.search.search import Search
 from guided_gym.storage.preparations import Arrays, fits, is_keeping, prepared
 
 FloatArray = NDArray[np.float64]
@@ -39,7 +40,6 @@ _FINER: Final = 3  # grids that are tried, each about 3/2 times as fine as the o
 _LEAST: Final = 1e-6  # cells; a value of 0 would have no sign
 _FEW: Final = 8  # headings
 _ROUND: Final = 0.99  # of the circumradius inside which a robot is: it is as good as a disc
-_ROUGH: Final = 1.1  # lengths: the grid is no more exact than that
 _SLOWEST: Final = 1e3  # times that failures may slow down a pose
 _KEPT: Final = 8  # problems whose fields are kept
 _KEPT_GRIDS: Final = 4  # grids that are kept for other tasks in the same space
@@ -70,7 +70,7 @@ def body_discs(robot: Robot, spacing: float) -> FloatArray:
 
 
 def _inner_radius(robot: Robot) -> float:
-    """Radius of the largest disc around the reference point inside the robot's outline; 0 if it is outside."""
+    """Radius of the largest disc around the reference point in the robot's outline; 0 if it is outside."""
     outline, reference = robot.outline, shapely.Point(0.0, 0.0)
     if not (isinstance(outline, shapely.Polygon) and outline.contains(reference)):
         return 0.0
@@ -328,9 +328,8 @@ class Arrivals(NamedTuple):
         q = np.require(q, np.float64, ["C", "W"])
         geometry = self.grid.geometry
         assert geometry is not None
-        return marching.arrive(
-            self.front, self.grid.ground, self.floor, self.seems, self.frame, geometry, q
-        )  # fmt: skip
+        where = self.grid.ground, self.floor, self.seems, self.frame
+        return marching.arrive(self.front, *where, geometry, q)
 
     def join(self, q: FloatArray) -> fields.Joined:
         """How configurations (m, d) are joined to the grid."""
@@ -480,6 +479,20 @@ class WaveModel:
         return found
 
 
+class Burst(NamedTuple):
+    """Samples that a kernel has drawn and written behind the last nodes and failures of a tree.
+
+    Attributes:
+        rows: (k, 2) selected node and new node of each; see `Search.extend_towards`.
+        outcome: Of the last; see `guided_gym.kernels.extend.attempt`.
+        looks: States that were looked up in the grid.
+    """
+
+    rows: NDArray[np.int32]
+    outcome: int
+    looks: int
+
+
 class Wave:
     """A solver: h is when a wave from the goal arrives, on a grid of poses, slow where there is no room.
 
@@ -553,9 +566,7 @@ class Wave:
         return not self._first.blocked_from(self._start)
 
     def plausible(self, node: int, lengths: FloatArray) -> NDArray[np.bool_]:
-        """Which of the states asked for last can be reached from a node by a free motion.
-
-        No free motion brings the goal nearer than by its length: what seems to lies behind a wall.
+        """Which of the states asked for last can be reached from a node; see `wave_growth.plausible`.
 
         Args:
             node: The node, among those that `follow` has seen.
@@ -563,7 +574,51 @@ class Wave:
         """
         here = self._first.at(self._rows(node, node + 1))[0]
         there = self._heard if self._now is self._first else self._first.at(self._asked)
-        return np.asarray(there >= here - _ROUGH * lengths)
+        return wave_growth.plausible(there, here, lengths)
+
+    def grow(self, search: Search, terms: wave_growth.Terms, most: int) -> Burst | None:
+        """Many samples of a search in one go, as this cost-to-go guides them; see `Composed.burst`."""
+        tree, task, ground = search.tree, search.task, self._now.grid.ground
+        tree.reserve(most)
+        n, failed = len(tree), tree.failure_count
+        self.follow(np.ascontiguousarray(tree.nodes.configurations[:n, : terms.leading]))
+        if self._forbidden[1].size:
+            return None
+        self._reserve(n + most)
+        geometry = self._now.grid.geometry
+        assert geometry is not None
+        first, now = self._first, self._now
+        record = np.empty(most, np.int32), np.empty(most, np.int32)
+        used, outcome, self._nodes, proposals = wave_growth.grow_by_wave(
+            search.planner.rng,
+            wave_growth.Waves(
+                now.front, now.floor, first.front, first.floor, now is not first, ground, now.seems,
+                now.frame, geometry,
+            ),
+            wave_growth.Known(self._joined, self._values),
+            (n, failed, n),
+            tree.nodes,
+            tree.failed,
+            terms,
+            search.goal,
+            wave_growth.Limits(search.planner.step, float(task.tolerance), task.by_edge),
+            search.space.geometry,
+            search.space.metric,
+            record,
+        )  # fmt: skip
+        self._upheld = self._nodes
+        return Burst(np.stack(record, axis=1)[:used], outcome, proposals * terms.candidates)
+
+    def _reserve(self, count: int) -> None:
+        """Have room for so many nodes."""
+        if count > len(self._values):
+            self._values = np.resize(self._values, 2 * count)
+            places, shares, lengths = self._joined
+            self._joined = fields.Joined(
+                np.resize(places, (2 * count, 9)),
+                np.resize(shares, (2 * count, 8)),
+                np.resize(lengths, (2 * count, 10)),
+            )
 
     def _rows(self, first: int, last: int) -> fields.Joined:
         places, shares, lengths = self._joined
@@ -573,12 +628,7 @@ class Wave:
         """(n,) cost-to-go of the nodes; all of them anew once the wave has run again."""
         self._run_again()
         n = len(states)
-        if n > len(self._values):
-            self._values = np.resize(self._values, 2 * n)
-            places, shares, lengths = self._joined
-            self._joined = fields.Joined(
-                np.resize(places, (2 * n, 9)), np.resize(shares, (2 * n, 8)), np.resize(lengths, (2 * n, 10))
-            )
+        self._reserve(n)
         if n > self._nodes:
             fresh, values = self._now.arrive(states[self._nodes : n])
             rows = self._rows(self._nodes, n)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import io
 from collections.abc import Callable
 
 import numpy as np
@@ -171,3 +172,30 @@ def test_options__say_how_fine_the_raster_is(walled: Walled) -> None:
     _, guidance = begun(walled("rectangle"), cells=24, headings=4)
     assert guidance.solver._now.grid.room.shape == (24, 24, 4)  # type: ignore[attr-defined]
     assert searched(walled("rectangle"), 300, cells=24, headings=12).solved
+
+
+@pytest.mark.parametrize("name", ["wave(robot=disc)", "wave(robot=point)", "wave(detour=0.5)"])
+def test_wave__grows_the_same_tree_in_bursts_as_sample_by_sample(name: str) -> None:
+    """A trace asks sample by sample, with failures in between."""
+    failed = 0
+    mazes = make_distribution("RandomMaze")
+    for seed in range(1, 4):
+        problem = mazes.problem(seed)
+        bursts, single = (
+            guided_search(problem, name, seed=seed, measure=False, trace=trace)
+            for trace in (None, io.StringIO())
+        )
+        for rows in (
+            "configurations",
+            "parents",
+            "cost_to_come",
+            "failed_nodes",
+            "failed_targets",
+            "contacts",
+        ):
+            assert np.array_equal(getattr(bursts.tree, rows), getattr(single.tree, rows))
+        assert np.array_equal(bursts.record.selected, single.record.selected)
+        assert np.array_equal(bursts.record.nodes, single.record.nodes)
+        assert (bursts.looks, bursts.collision_checks) == (single.looks, single.collision_checks)
+        failed += bursts.tree.failure_count
+    assert failed > 0

@@ -156,13 +156,33 @@ def test_robot_clearances__are_the_room_at_each_pose_of_the_grid(seed: int) -> N
     found = room_of(edges, body, radius, turns)
     for r, c, t in rng.integers((N, N, turns), size=(4000, 3)):
         theta = 2 * math.pi * t / turns
-        room = fields._room(distances, float(c), float(r), math.cos(theta), math.sin(theta), body, -np.inf)
+        at = float(c), float(r), math.cos(theta), math.sin(theta)
+        room = fields._room(distances, FINE, *at, body, -np.inf)
         if fields.LEAST < found[r, c, t] < fields.CLIP:
             assert found[r, c, t] == pytest.approx(room, abs=0.005)  # float32 shares
         elif found[r, c, t] <= fields.LEAST:
             assert room <= fields.LEAST + 0.005
         else:
             assert room >= fields.CLIP - math.sqrt(0.5) / FINE  # looked up at the sample beside the centre
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_robot_clearances__of_a_disc_are_its_distance_less_its_radius(seed: int) -> None:
+    """One sample a cell tells it, in part of the grid as in all of it."""
+    rng = np.random.default_rng(seed)
+    obstacles = random_obstacles(rng)
+    disc = np.array([[0.0, 0.0, 0.7]])
+    made = [fields.unseen(edges_of(rng, obstacles), UNIT, frame_of(), N, 1, disc, 0.7, 1) for _ in range(2)]
+    fields.look_everywhere(made[0])
+    fields.look(made[1], N // 2, N // 3)
+    part = np.isfinite(made[1].room)
+    assert 0 < part.sum() < part.size
+    assert np.array_equal(made[1].room[part], made[0].room[part])
+    fine = distances_of(edges_of(rng, obstacles))
+    middles = fine.reshape(N, FINE, N, FINE)[
+        :, FINE // 2 - 1 : FINE // 2 + 1, :, FINE // 2 - 1 : FINE // 2 + 1
+    ]
+    assert np.abs(made[0].room[:, :, 0] + 0.7 - middles.mean(axis=(1, 3))).max() < math.sqrt(0.5) / FINE
 
 
 def test_robot_clearances__of_a_fork_astride_a_post() -> None:
@@ -352,10 +372,10 @@ def test_wave__is_the_same_at_every_heading_where_nothing_blocks(weight: float) 
 
 def test_spare_room__sees_two_obstacles_that_touch_at_a_corner() -> None:
     corner = np.concatenate([square(0.2, 0.5, 0.5, 0.8), square(0.5, 0.2, 0.8, 0.5)])
-    distances = distances_of(corner)
-    disc = np.zeros((1, 3))
+    ground = ground_of(corner, np.zeros((1, 3)), 0.0, 1)
+    fields.look_everywhere(ground)
     q, ends = np.array([0.45, 0.44]), np.array([[0.55, 0.56], [0.3, 0.44], [0.45, 0.3]])
-    through, along, back = fields.spare_room(q, ends, distances, disc, frame_of(), 32)
+    through, along, back = fields.spare_room(q, ends, ground, frame_of(), 32)
     assert through < 0 <= min(along, back)
 
 
