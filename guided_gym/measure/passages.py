@@ -15,8 +15,6 @@ from typing import Final
 import numpy as np
 import shapely
 from numpy.typing import NDArray
-from scipy.sparse import coo_array
-from scipy.sparse.csgraph import dijkstra
 
 from guided_gym.geometry.robots import rigid
 from guided_gym.geometry.space import ConfigurationSpace
@@ -52,6 +50,9 @@ class Roadmap:
         Args:
             values: (n,) at least 0; infinite where nothing is known.
         """
+        from scipy.sparse import coo_array  # here: it takes .1 s to load, and few problems have such passages
+        from scipy.sparse.csgraph import dijkstra
+
         n = len(self.nodes)
         known = np.flatnonzero(np.isfinite(values))
         if not known.size:

@@ -9,9 +9,8 @@ from __future__ import annotations
 import math
 from abc import ABC, abstractmethod
 from dataclasses import dataclass
-from typing import Any, Final
+from typing import TYPE_CHECKING, Any, Final
 
-import networkx as nx
 import numpy as np
 from numpy.typing import NDArray
 
@@ -23,9 +22,11 @@ from guided_gym.structures.nearest import GrowingIndex
 from guided_gym.structures.segments import SegmentIndex
 from guided_gym.structures.shortest_paths import RoadmapGraph, ShortestPathTree
 
+if TYPE_CHECKING:
+    import networkx as nx
+
 Int32s = NDArray[np.int32]
 Ints = NDArray[np.int64]
-
 
 _NONE: Final = np.zeros(0, np.int64)
 
@@ -114,6 +115,8 @@ class Graph:
 
     def as_networkx(self) -> nx.Graph:
         """The graph as it stands: ``pos`` per vertex, ``weight`` per edge."""
+        import networkx as nx  # here: it takes .1 s to load, and no search needs it
+
         graph = nx.Graph()
         graph.add_nodes_from((i, {"pos": tuple(p)}) for i, p in enumerate(self.points.tolist()))
         for (a, b), length, factor in zip(self.edges.tolist(), self.lengths, self.multipliers, strict=True):

@@ -4,9 +4,8 @@ from __future__ import annotations
 
 import math
 from functools import lru_cache
-from typing import NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
-import networkx as nx
 import numpy as np
 import shapely
 from numpy.typing import NDArray
@@ -22,6 +21,9 @@ from guided_gym.kernels.delaunay import CORNERS, box_of, circle_centres, insert,
 from guided_gym.kernels.skeleton import branches, cut_branches, facing_feet, ridges, without_dead_ends
 from guided_gym.storage.preparations import Arrays, fits, prepared, within
 from guided_gym.structures.shortest_paths import graph_from_edges
+
+if TYPE_CHECKING:
+    import networkx as nx
 
 _SAMPLES_PER_DIAGONAL = 100  # boundary samples along a line as long as the workspace's diagonal
 _AT_LEAST = 8  # boundary samples along a line as long as the diagonal of a part of the free space
@@ -93,6 +95,8 @@ def skeleton_graph(environment: Environment) -> nx.Graph:
     Raises:
         InvalidInputError: The free workspace is too small for a skeleton.
     """
+    import networkx as nx  # here: it takes .1 s to load, and no search needs it
+
     axis = _axis(environment)
     graph = nx.Graph()
     for v, (pos, clearance) in enumerate(zip(axis.points.tolist(), axis.clearance.tolist(), strict=True)):
