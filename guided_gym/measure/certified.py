@@ -17,12 +17,11 @@ from guided_gym.kernels.waypoints import over_sights, slide
 FloatArray = NDArray[np.float64]
 
 _DIRECTIONS: Final = {2: 24, 3: 64}
-_STRIDES: Final = (1.0, 0.5, 0.25)  # links: each descent comes down another way
+_STRIDES: Final = (1.0, 0.5, 0.35)  # links: each descent comes down another way
 _REACHES: Final = (3.0, 1.5, 0.5)  # strides, tried in this order
 _AHEAD: Final = 20  # waypoints ahead that one may be joined to
-_APART: Final = (3.0, 6.0)  # links between waypoints, of a descent and of a path that has slid
-_SLIDES: Final = ((2.0, 0.1), (0.5, 0.1))  # links that a waypoint moves, at first and at last
-_PULLED: Final = 2  # descents, the shortest ones, that are pulled tight
+_ROUNDS: Final = ((3.0, 2.0, 0.1), (6.0, 0.5, 0.1))
+"""Links between the waypoints of a path, and how far one slides at first and at last."""
 
 
 def shortest_down(
@@ -44,9 +43,7 @@ def shortest_down(
         others: Poses (m, d) that may lead on from a pose (d,) where none around it does.
     """
     paths = [_descent(space, state, start, goal, stride * link, others) for stride in _STRIDES]
-    found = [_straightened(space, path, link, _APART[0]) for path in paths if path is not None]
-    found.sort(key=partial(_length, space))
-    tight = [_pulled_tight(space, path, link) for path in found[:_PULLED]]
+    tight = [_pulled_tight(space, path, link) for path in paths if path is not None]
     return min(tight, key=partial(_length, space), default=None)
 
 
@@ -106,17 +103,17 @@ def _onward(
 
 
 def _pulled_tight(space: ConfigurationSpace, path: FloatArray, link: float) -> FloatArray:
-    """Its waypoints slide along the obstacles that they touch; then others on it do, by less."""
+    """Straightened, then its waypoints slide along the obstacles that they touch; and again with others."""
     directions = _directions(space.dimension) / space.weights
-    for first, last in _SLIDES:
-        path = _straightened(space, path, link, _APART[1])
+    for apart, first, last in _ROUNDS:
+        path = _straightened(space, path, apart * link)
         path = slide(path, directions, first * link, last * link, space.geometry, space.metric)
     return path
 
 
-def _straightened(space: ConfigurationSpace, path: FloatArray, link: float, apart: float) -> FloatArray:
+def _straightened(space: ConfigurationSpace, path: FloatArray, apart: float) -> FloatArray:
     """The shortest way over points along the path that see each other."""
-    points = divided(space, path, apart * max(link, _length(space, path) / 200.0))
+    points = divided(space, path, max(apart, _length(space, path) / 70.0))
     return over_sights(points, _AHEAD, space.geometry, space.metric)
 
 
