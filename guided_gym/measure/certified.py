@@ -17,7 +17,7 @@ from guided_gym.kernels.waypoints import over_sights, slide
 FloatArray = NDArray[np.float64]
 
 _DIRECTIONS: Final = {2: 24, 3: 64}
-_STRIDES: Final = (1.0, 0.5, 0.35)  # links: each descent comes down another way
+_STRIDES: Final = (1.0, 0.5, 0.25)  # links: each descent comes down another way
 _REACHES: Final = (3.0, 1.5, 0.5)  # strides, tried in this order
 _AHEAD: Final = 20  # waypoints ahead that one may be joined to
 _ROUNDS: Final = ((3.0, 2.0, 0.1), (6.0, 0.5, 0.1))
