@@ -22,9 +22,9 @@ from pathlib import Path
 import numpy as np
 import numpy.typing as npt
 import shapely
+from chunks import judged
 from numba import njit
 from rich.console import Console
-from rich.progress import Progress
 from rich.table import Table
 
 from guided_gym.catalogue.arms import _polygons
@@ -305,18 +305,9 @@ def valid_starts(
 
 def certified(motions: int, console: Console) -> dict[str, dict[str, float]]:
     """So many motions of each robot."""
-    totals: dict[str, dict[str, float]] = {}
-    with Progress(console=console) as progress:
-        task = progress.add_task("motions", total=motions * len(ROBOTS))
-        for number, (name, robot) in enumerate(ROBOTS.items()):
-            left, seed = motions, 0
-            while left > 0:
-                counts = judge(robot, 1000 * number + seed, min(CHUNK, left))
-                total = totals.setdefault(name, dict.fromkeys(counts, 0))
-                for key, value in counts.items():
-                    total[key] += value
-                progress.advance(task, counts["motions"])
-                left, seed = left - CHUNK, seed + 1
+    totals = judged(
+        ROBOTS, motions, CHUNK, lambda r, n, seed, count: judge(r, 1000 * n + seed, count), console
+    )
     table = Table("robot", "motions", "free", "wrongly free", "needlessly refused", "us a motion")
     for name, t in totals.items():
         share = t["needlessly_refused"] / max(t["free"], 1)

@@ -26,8 +26,9 @@ import numpy as np
 import numpy.typing as npt
 import pinocchio as pin
 from arms import valid_starts
+from chunks import judged
+from example_robots import installed
 from rich.console import Console
-from rich.progress import Progress
 from rich.table import Table
 
 from guided_gym.catalogue.spatial import arm as our_arm
@@ -41,10 +42,6 @@ from guided_gym.problems import Problem, Task
 FloatArray = npt.NDArray[np.float64]
 IntArray = npt.NDArray[np.int64]
 
-URDFS = {
-    "panda": ("panda_description/urdf/panda.urdf", "panda_hand_tcp"),
-    "ur5": ("ur_description/urdf/ur5_robot.urdf", "ee_link"),
-}
 STEP = 1e-4  # of the reach
 LONGEST = 0.2  # likewise
 NEAR = 0.02  # likewise
@@ -54,22 +51,14 @@ STEP_OF_RRT = 0.05  # of the diagonal, on both sides
 STEP_OF_CHECKS = 0.05  # radians: the default of pyroboplan
 
 
-def robots() -> Path:
-    """The folder of example-robot-data."""
-    for entry in sys.path:
-        for above in (Path(entry), *Path(entry).parents[:4]):
-            folder = above / "cmeel.prefix" / "share" / "example-robot-data" / "robots"
-            if folder.is_dir():
-                return folder
-    raise SystemExit("expected the package example-robot-data, found none")
-
-
 def arms() -> dict[str, tuple[SpatialArm, Any]]:
     """Each arm, and pinocchio's model of it."""
     ours = our_arm()
     found = {ours.name: (ours, _model(ours))}
-    for name, (file, tip) in URDFS.items():
-        path = robots() / file
+    files = installed()
+    if not files:
+        raise SystemExit("expected the package example-robot-data, found none")
+    for name, (path, tip) in files.items():
         arm = SpatialArm.from_urdf(path, tip, self_collision=True)
         found[name] = arm, pin.buildModelFromUrdf(str(path))
     return found
@@ -252,19 +241,11 @@ def judge(arm: SpatialArm, model: Any, seed: int, count: int) -> dict[str, float
 
 def certified(motions: int, seconds: float, console: Console) -> dict[str, dict[str, float]]:
     """So many motions of each arm, or as many as the time allows."""
-    totals: dict[str, dict[str, float]] = {}
-    every = arms()
-    with Progress(console=console) as progress:
-        task = progress.add_task("motions", total=motions * len(every))
-        for number, (name, (arm, model)) in enumerate(every.items()):
-            left, seed, began = motions, 0, time.process_time()
-            while left > 0 and time.process_time() - began < seconds:
-                counts = judge(arm, model, 100_000 * number + seed, min(CHUNK, left))
-                total = totals.setdefault(name, dict.fromkeys(counts, 0))
-                for key, value in counts.items():
-                    total[key] += value
-                progress.advance(task, counts["motions"])
-                left, seed = left - CHUNK, seed + 1
+
+    def chunk(pair: tuple[SpatialArm, Any], number: int, seed: int, count: int) -> dict[str, float]:
+        return judge(*pair, 100_000 * number + seed, count)
+
+    totals = judged(arms(), motions, CHUNK, chunk, console, seconds)
     table = Table("arm", "motions", "free", "wrongly free", "refused without contact", "us a motion")
     for name, t in totals.items():
         table.add_row(

@@ -53,13 +53,17 @@ def draw_workspace(axes: Axes, environment: Environment, colour: str = OBSTACLE)
     axes.grid(False)
     for spine in axes.spines.values():
         spine.set(visible=True, color=OBSTACLE, linewidth=0.7)
+    look: dict[str, Any] = {"facecolor": colour, "edgecolor": "none"}
     if isinstance(environment, SpatialEnvironment):  # let through what is behind them
-        shapes = [_patch(shadow) for shadow in environment.obstacles]
-        look: dict[str, Any] = {"facecolor": to_rgba(colour, 0.22), "edgecolor": colour, "linewidth": 0.7}
-    else:
-        shapes = [_patch(part) for part in shapely.get_parts(environment.obstacle_union)]
-        look = {"facecolor": colour, "edgecolor": "none"}
-    axes.add_collection(PatchCollection(shapes, zorder=_OBSTACLES, **look))
+        look = {"facecolor": to_rgba(colour, 0.22), "edgecolor": colour, "linewidth": 0.7}
+    axes.add_collection(PatchCollection(_obstacles(environment), zorder=_OBSTACLES, **look))
+
+
+def _obstacles(environment: Environment) -> list[PathPatch]:
+    """A patch of each obstacle: of those in the plane together, of the shadow of each one in space."""
+    spatial = isinstance(environment, SpatialEnvironment)
+    parts = environment.obstacles if spatial else shapely.get_parts(environment.obstacle_union)
+    return [_patch(part) for part in parts]
 
 
 def _patch(shape: Any) -> PathPatch:
@@ -215,9 +219,7 @@ def draw_guiding_space(axes: Axes, guidance: GuidingSpace, search: Search, colou
 
 def _outline_obstacles(axes: Axes, environment: Environment) -> None:
     """The obstacles' edges, on top of a roadmap that may cover them."""
-    spatial = isinstance(environment, SpatialEnvironment)
-    parts = environment.obstacles if spatial else shapely.get_parts(environment.obstacle_union)
-    shapes = [_patch(part) for part in parts]
+    shapes = _obstacles(environment)
     outline = PatchCollection(shapes, facecolor="none", edgecolor=OBSTACLE, linewidth=0.6, zorder=_NODES)
     axes.add_collection(outline)
 

@@ -23,7 +23,7 @@ from guided_gym.guidance.base import GuidingSpace
 from guided_gym.guidance.modifications import SAME, UNCHANGED, EnvironmentModification, RobotModification
 from guided_gym.guidance.proof import parted_cells, parted_workspace
 from guided_gym.guidance.solvers.base import CostToGo, Doubts, Query
-from guided_gym.kernels.extend import FAILED, GREW, REACHED_TOLERANCE
+from guided_gym.kernels.extend import FAILED
 from guided_gym.kernels.metric import separation, separations
 from guided_gym.kernels.turns import charged
 from guided_gym.kernels.wave_growth import Terms
@@ -292,11 +292,9 @@ class Composed(GuidingSpace):
             return None
         self._least = None
         rows: NDArray[np.int32] = grown.rows
-        failed, reached = grown.outcome == FAILED, grown.outcome > GREW
-        looks = len(rows) - failed - (grown.outcome == REACHED_TOLERANCE) if search.task.by_edge else 0
         search.looks += grown.looks
-        search.take_in(len(rows) - failed, int(failed), len(rows) + looks, reached)
-        if failed:
+        search.take_rows(rows, grown.outcome)
+        if grown.outcome == FAILED:
             tree = search.tree
             last = tree.failed.targets[tree.failure_count - 1], tree.failed.contacts[tree.failure_count - 1]
             self.feedback(Expansion(int(rows[-1, 0]), last[0].copy(), NO_NODE, last[1].copy(), False))

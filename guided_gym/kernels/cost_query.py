@@ -129,7 +129,8 @@ def descend(
             path[n] = goal
             return path[: n + 1], True
         for reach in reaches:
-            left = _step_down(path[n - 1], cost, reach, directions, state, metric, path[n])
+            poses = _around(path[n - 1], reach, directions, metric)
+            left = step_down(path[n - 1], cost, poses, state, metric, path[n])
             if left < cost:
                 break
         else:
@@ -139,21 +140,32 @@ def descend(
 
 
 @njit(cache=True)
-def _step_down(
-    here: FloatArray,
-    cost: float,
-    reach: float,
-    directions: FloatArray,
-    state: OracleState,
-    metric: Metric,
-    out: FloatArray,
-) -> float:
-    """The pose in sight from which the way left is shortest, into ``out``; its cost, infinite for none."""
-    m, d = directions.shape
-    poses, left, through = np.empty((m, d)), np.empty(m), np.full(m, np.inf)
-    for i in range(m):
-        for a in range(d):
+def _around(here: FloatArray, reach: float, directions: FloatArray, metric: Metric) -> FloatArray:
+    """(m, d) the poses that far from a pose (d,)."""
+    poses = np.empty(directions.shape)
+    for i in range(directions.shape[0]):
+        for a in range(directions.shape[1]):
             poses[i, a] = placed(here[a] + reach * directions[i, a], metric.periods[a])
+    return poses
+
+
+@njit(cache=True)
+def step_down(
+    here: FloatArray, cost: float, poses: FloatArray, state: OracleState, metric: Metric, out: FloatArray
+) -> float:
+    """The pose in sight from which the way left is shortest, into ``out``; its cost, infinite for none.
+
+    Args:
+        here: (d,) where to go from.
+        cost: Its distance to the goal; a pose counts only if it is nearer.
+        poses: (m, d) where one might go.
+        state: `Oracle.state`.
+        metric: Weights and periods of the distance.
+        out: (d,) written.
+    """
+    m = poses.shape[0]
+    left, through = np.empty(m), np.full(m, np.inf)
+    for i in range(m):
         left[i] = cost_to_go_one(poses[i], state)
         if left[i] < cost:
             through[i] = left[i] + separation(here, poses[i], metric)

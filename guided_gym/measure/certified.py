@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from guided_gym.geometry.space import ConfigurationSpace
-from guided_gym.kernels.cost_query import OracleState, cost_to_go_many, cost_to_go_one, descend
+from guided_gym.kernels.cost_query import OracleState, cost_to_go_one, descend, step_down
 from guided_gym.kernels.waypoints import over_sights, slide
 
 FloatArray = NDArray[np.float64]
@@ -64,10 +64,13 @@ def _descent(
         parts.append(path)
         if arrived:
             return np.concatenate(parts)
-        onward = None if others is None else _onward(space, state, path[-1], others(path[-1]))
-        if onward is None:
+        if others is None:
             return None
-        here, most = onward, most - len(path)
+        last, here = path[-1], np.empty(space.dimension)
+        poses = np.ascontiguousarray(space.wrap(others(last)))
+        if step_down(last, cost_to_go_one(last, state), poses, state, space.metric, here) == math.inf:
+            return None
+        most -= len(path)
     return None
 
 
@@ -86,20 +89,6 @@ def divided(space: ConfigurationSpace, path: FloatArray, longest: float) -> Floa
     between = space.interpolate(path[part], path[part + 1], number / counts[part])
     between[np.cumsum(counts) - 1] = path[1:]  # to the last bit
     return np.ascontiguousarray(np.concatenate([path[:1], between]))
-
-
-def _onward(
-    space: ConfigurationSpace, state: OracleState, here: FloatArray, poses: FloatArray
-) -> FloatArray | None:
-    """The pose (d,) in sight from which the way left is shortest; None if none is nearer to the goal."""
-    poses = np.ascontiguousarray(space.wrap(poses))
-    left = cost_to_go_many(poses, state)
-    ends = np.repeat(here[None], len(poses), axis=0)
-    open_ = (left < cost_to_go_one(here, state)) & np.asarray(space.motions_free(ends, poses))
-    if not open_.any():
-        return None
-    through = np.where(open_, left + space.distance(here[None], poses), np.inf)
-    return np.array(poses[np.argmin(through)])
 
 
 def _pulled_tight(space: ConfigurationSpace, path: FloatArray, link: float) -> FloatArray:

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import hashlib
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from functools import cached_property, partial
+from functools import cached_property, lru_cache, partial
 
 import numpy as np
 import numpy.typing as npt
@@ -19,7 +19,7 @@ from guided_gym.kernels.cost_query import OracleState, cost_to_go_many, cost_to_
 from guided_gym.kernels.eikonal import PAD, flood, improve, march
 from guided_gym.measure.certified import divided, lengths_left, shortest_down
 from guided_gym.measure.oracle_store import FieldStore
-from guided_gym.measure.passages import passages
+from guided_gym.measure.passages import Roadmap, passages
 from guided_gym.measure.solution import Kept, OracleError, free_poses, warn_of
 from guided_gym.options import OracleOptions
 
@@ -277,7 +277,8 @@ class GridSolution:
         space, state = self.space, self.state
         frame = state[2]
         link = float((frame[grid.STEP_X : grid.STEP_X + space.dimension] * space.weights).max())
-        path = shortest_down(space, state, start, self.goal, link, partial(_stops, space, frame, []))
+        gaps = lru_cache(1)(partial(passages, space, *_narrow(space, frame)))
+        path = shortest_down(space, state, start, self.goal, link, partial(_stops, space, frame, gaps))
         if path is None or lengths_left(space, path)[0] > (1.0 - _SHORTER) * cost_to_go_one(start, state):
             return
         path = divided(space, path, link)
@@ -336,21 +337,26 @@ def _narrow(space: ConfigurationSpace, frame: FloatArray) -> tuple[float, float]
     return float(grid.inradius(space.geometry)), float(frame[grid.STEP_X : grid.STEP_X + 2].max())
 
 
-def _stops(space: ConfigurationSpace, frame: FloatArray, gaps: list[FloatArray], q: FloatArray) -> FloatArray:
+def _lattice(frame: FloatArray, dimension: int) -> tuple[FloatArray, FloatArray]:
+    """(d,) the first vertex of a grid, and (d,) the way to the next one along each axis."""
+    return np.append(frame[:2], 0.0)[:dimension], frame[grid.STEP_X : grid.STEP_X + dimension]
+
+
+def _stops(
+    space: ConfigurationSpace, frame: FloatArray, gaps: Callable[[], Roadmap], q: FloatArray
+) -> FloatArray:
     """Where the field comes from around a pose: the vertices beside it, and the poses in narrow passages.
 
     Args:
         space: The configuration space.
         frame: The grid.
-        gaps: Keeps the latter from the first call on: few descents ask for them.
+        gaps: Gives the latter; few descents ask for them.
         q: (d,) the pose.
     """
-    if not gaps:
-        gaps.append(passages(space, *_narrow(space, frame)).nodes)
     d = space.dimension
-    origin, step = np.append(frame[:2], 0.0)[:d], frame[grid.STEP_X : grid.STEP_X + d]
+    origin, step = _lattice(frame, d)
     beside = np.stack(np.meshgrid(*[np.arange(-1, 3)] * d), axis=-1).reshape(-1, d)
-    return np.concatenate([origin + (np.floor((q - origin) / step) + beside) * step, gaps[0]])
+    return np.concatenate([origin + (np.floor((q - origin) / step) + beside) * step, gaps().nodes])
 
 
 def _solved(space: ConfigurationSpace, frame: FloatArray) -> OracleState:
@@ -391,7 +397,7 @@ def _attached(
     """
     d, frame = space.dimension, work.frame
     stride, nt = work.layout
-    origin, step = np.append(frame[:2], 0.0)[:d], frame[grid.STEP_X : grid.STEP_X + d]
+    origin, step = _lattice(frame, d)
     counts = frame[grid.COUNT_X : grid.COUNT_X + d].astype(np.int64)
     corners = np.array(np.meshgrid(*[[0, 1]] * d, indexing="ij")).reshape(d, -1).T
     cells = (np.floor((poses - origin) / step).astype(np.int64)[:, None] + corners).reshape(-1, d)

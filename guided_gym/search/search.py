@@ -319,10 +319,20 @@ class Search:
             record,
         )
         rows = np.stack(record, axis=1)[:used]
-        grown = int(np.count_nonzero(rows[:, 1] != NO_NODE))
-        looks = grown - (outcome == REACHED_TOLERANCE) if task.by_edge else 0  # at the goal
-        self.take_in(grown, used - grown, used + looks, outcome in (REACHED_TOLERANCE, REACHED))
+        self.take_rows(rows, outcome)
         return rows
+
+    def take_rows(self, rows: NDArray[np.int32], outcome: int) -> None:
+        """`take_in` for a kernel that drew its samples by `guided_gym.kernels.extend.attempt`.
+
+        Args:
+            rows: (k, 2) selected node and new node (NO_NODE after a failure) of each sample.
+            outcome: Of the last one.
+        """
+        grown = int(np.count_nonzero(rows[:, 1] != NO_NODE))
+        looks = grown - (outcome == REACHED_TOLERANCE) if self.task.by_edge else 0  # at the goal
+        reached = outcome in (REACHED_TOLERANCE, REACHED)
+        self.take_in(grown, len(rows) - grown, len(rows) + looks, reached)
 
     def take_in(self, nodes: int, failures: int, checks: int, reached: bool) -> None:
         """Take in samples that a kernel has drawn and written behind the last nodes and failures.

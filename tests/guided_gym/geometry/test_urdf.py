@@ -5,7 +5,9 @@ from __future__ import annotations
 import math
 import os
 import sys
+from collections.abc import Callable
 from pathlib import Path
+from types import ModuleType
 from typing import Any
 
 import numpy as np
@@ -294,29 +296,22 @@ def test_a_start_beyond_a_limit_names_the_joint(tmp_path: Path) -> None:
 # Robots that people have, and another library ---------------------------------------------------------------
 
 
-def robots() -> Path:
-    """The folder of example-robot-data."""
-    for entry in sys.path:
-        for above in (Path(entry), *Path(entry).parents[:4]):
-            folder = above / "cmeel.prefix" / "share" / "example-robot-data" / "robots"
-            if folder.is_dir():
-                return folder
-    pytest.skip("example-robot-data is not installed")
-
-
-FILES = {
-    "panda": ("panda_description/urdf/panda.urdf", "panda_hand_tcp"),
-    "ur5": ("ur_description/urdf/ur5_robot.urdf", "ee_link"),
-}
+@pytest.fixture
+def robots(reference: Callable[[str], ModuleType]) -> dict[str, tuple[Path, str]]:
+    """File and tip of the arms of example-robot-data."""
+    found: dict[str, tuple[Path, str]] = reference("example_robots").installed()
+    if not found:
+        pytest.skip("example-robot-data is not installed")
+    return found
 
 
 @needs_yourdfpy
-@pytest.mark.parametrize("name", FILES)
-def test_tools_are_where_pinocchio_has_them(name: str) -> None:
+@pytest.mark.parametrize("name", ["panda", "ur5"])
+def test_tools_are_where_pinocchio_has_them(name: str, robots: dict[str, tuple[Path, str]]) -> None:
     pin = pytest.importorskip("pinocchio")
-    file, tip = FILES[name]
-    arm = SpatialArm.from_urdf(robots() / file, tip)
-    model = pin.buildModelFromUrdf(str(robots() / file))
+    path, tip = robots[name]
+    arm = SpatialArm.from_urdf(path, tip)
+    model = pin.buildModelFromUrdf(str(path))
     data, space = model.createData(), ConfigurationSpace(arm, ROOM)
     for q in space.sample(np.random.default_rng(0), 20):
         other = pin.neutral(model)
@@ -328,12 +323,14 @@ def test_tools_are_where_pinocchio_has_them(name: str) -> None:
 
 
 @needs_yourdfpy
-def test_the_panda_has_three_tips_and_bodies_that_hold_its_meshes() -> None:
+def test_the_panda_has_three_tips_and_bodies_that_hold_its_meshes(
+    robots: dict[str, tuple[Path, str]],
+) -> None:
     trimesh = pytest.importorskip("trimesh")
-    path = robots() / FILES["panda"][0]
+    path, tip = robots["panda"]
     with pytest.raises(InvalidInputError, match="panda_leftfinger"):
         SpatialArm.from_urdf(path)
-    arm = SpatialArm.from_urdf(path, FILES["panda"][1], parts=2, self_collision=True)
+    arm = SpatialArm.from_urdf(path, tip, parts=2, self_collision=True)
     assert len(arm.names) == 7
     for number in range(1, 7):
         mesh = trimesh.load(path.parents[1] / f"meshes/collision/link{number}.stl", force="mesh")
@@ -343,10 +340,10 @@ def test_the_panda_has_three_tips_and_bodies_that_hold_its_meshes() -> None:
 
 
 @needs_yourdfpy
-def test_poses_and_motions_against_coal() -> None:
+def test_poses_and_motions_against_coal(robots: dict[str, tuple[Path, str]]) -> None:
     """The capsules of a UR5 among solids: gaps as coal has them, and no motion wrongly free."""
     coal = pytest.importorskip("coal")
-    arm = SpatialArm.from_urdf(robots() / FILES["ur5"][0], FILES["ur5"][1])
+    arm = SpatialArm.from_urdf(*robots["ur5"])
     solids = [
         Box((0.5, 0.2, 0.4), (0.3, 0.4, 0.1), (0.3, 0.2, 0.5)),
         Cylinder((-0.5, 0.3, 0.2), (-0.4, 0.5, 0.9), 0.1),
