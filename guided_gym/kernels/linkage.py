@@ -377,6 +377,15 @@ def _limited(numbers: FloatArray, index: IntArray, a: FloatArray, d: FloatArray)
 
 
 @njit(cache=True)
+def _allowed(numbers: FloatArray, index: IntArray, a: FloatArray, d: FloatArray, whole: bool) -> float:
+    """The part of the motion by d that its numbers and limits allow; with `whole`, 0 unless it is all."""
+    if not _known(a, d, index):
+        return 0.0
+    fraction = _limited(numbers, index, a, d)
+    return 0.0 if whole and fraction < 1.0 else fraction
+
+
+@njit(cache=True)
 def _body_fraction(
     numbers: FloatArray,
     index: IntArray,
@@ -464,13 +473,11 @@ def _motion_fraction(
 ) -> float:
     """Certified part of the straight motion a -> b; with `whole`, 0 unless it is all of it."""
     d = _changes(index, a, b)
-    if not _known(a, d, index):
+    fraction = _allowed(numbers, index, a, d, whole)
+    if fraction == 0.0:
         return 0.0
     if not d.any():
         return 1.0 if _pose_free(numbers, index, a) else 0.0
-    fraction = _limited(numbers, index, a, d)
-    if fraction < 1.0 and (whole or fraction == 0.0):
-        return 0.0
     table = index[TABLE]
     joints, bodies = index[table + JOINTS], index[table + BODIES]
     state, last = np.empty((joints, STATE)), np.empty((joints, STATE))

@@ -33,7 +33,7 @@ from numba import carray, cfunc, njit  # type: ignore[attr-defined]
 
 from guided_gym.kernels.collision import TABLE
 from guided_gym.kernels.foreign import CLEARANCE, FRACTION, POSE_FREE, SIGNATURE, TOOL_X, TOOL_Y
-from guided_gym.kernels.linkage import _changes, _known, _limited, _within_limits
+from guided_gym.kernels.linkage import _allowed, _changes, _known, _within_limits
 from guided_gym.kernels.packing import (
     BODIES,
     BOX,
@@ -346,6 +346,16 @@ def gap(numbers: FloatArray, kind: int, a: FloatArray, b: FloatArray) -> float:
 
 
 @njit(cache=True)
+def _beyond(numbers: FloatArray, s: int, kind: int, x: float, y: float, z: float, reach: float) -> bool:
+    """Whether a ball around (x, y, z) is off a half-space, or off the ball around another solid."""
+    x, y, z = x - numbers[s], y - numbers[s + 1], z - numbers[s + 2]
+    if kind == HALF_SPACE:
+        return numbers[s + 3] * x + numbers[s + 4] * y + numbers[s + 5] * z > reach
+    reach += numbers[s + 16]
+    return x * x + y * y + z * z > reach * reach
+
+
+@njit(cache=True)
 def _far_off(
     numbers: FloatArray,
     s: int,
@@ -354,15 +364,10 @@ def _far_off(
     b: tuple[float, float, float],
     by: float,
 ) -> bool:
-    """Whether balls around a solid and a segment are farther apart than that."""
-    if kind == HALF_SPACE:
-        return False
-    x = 0.5 * (a[0] + b[0]) - numbers[s]
-    y = 0.5 * (a[1] + b[1]) - numbers[s + 1]
-    z = 0.5 * (a[2] + b[2]) - numbers[s + 2]
+    """Whether a ball around a segment is farther than that from a solid."""
     dx, dy, dz = b[0] - a[0], b[1] - a[1], b[2] - a[2]
-    reach = 0.5 * math.sqrt(dx * dx + dy * dy + dz * dz) + numbers[s + 16] + by
-    return x * x + y * y + z * z > reach * reach
+    reach = 0.5 * math.sqrt(dx * dx + dy * dy + dz * dz) + by
+    return _beyond(numbers, s, kind, 0.5 * (a[0] + b[0]), 0.5 * (a[1] + b[1]), 0.5 * (a[2] + b[2]), reach)
 
 
 CENTRE, BALL, OWN_SPEED = 0, 3, 4
@@ -392,12 +397,8 @@ def _balls(numbers: FloatArray, index: IntArray, state: FloatArray) -> FloatArra
 
 @njit(cache=True)
 def _off_solid(numbers: FloatArray, s: int, kind: int, ball: FloatArray, by: float) -> bool:
-    """Whether a ball is farther than that from the one around a solid."""
-    if kind == HALF_SPACE:
-        return False
-    x, y, z = ball[CENTRE] - numbers[s], ball[CENTRE + 1] - numbers[s + 1], ball[CENTRE + 2] - numbers[s + 2]
-    reach = ball[BALL] + numbers[s + 16] + by
-    return x * x + y * y + z * z > reach * reach
+    """Whether a ball is farther than that from a solid."""
+    return _beyond(numbers, s, kind, ball[CENTRE], ball[CENTRE + 1], ball[CENTRE + 2], ball[BALL] + by)
 
 
 @njit(cache=True)
@@ -565,38 +566,65 @@ def _motion_fraction(
 ) -> float:
     """Certified part of the straight motion q -> other; with `whole`, 0 unless it is all of it."""
     d = _changes(index, q, other)
-    if not _known(q, d, index):
+    fraction = _allowed(numbers, index, q, d, whole)
+    if fraction == 0.0:
         return 0.0
     if not d.any():
         return 1.0 if _pose_free(numbers, index, q) else 0.0
-    fraction = _limited(numbers, index, q, d)
-    if fraction < 1.0 and (whole or fraction == 0.0):
-        return 0.0
     table = index[TABLE]
     joints = index[table + JOINTS]
     state, later = np.empty((joints, STATE)), np.empty((joints, STATE))
+    # From the middle of the motion, no body moves farther than half of what it moves in all.
+    _frames(numbers, index, q, d, 0.5, 0, joints - 1, later)
+    balls = _balls(numbers, index, later)
     _frames(numbers, index, q, d, 0.0, 0, joints - 1, state)
     # Margins are more than a pose's, so that rounding never leaves out more here than there.
-    solids, margin, balls = _solid_row(index, 0), numbers[1], _balls(numbers, index, state)
+    solids, margin = _solid_row(index, 0), numbers[1]
     for body in range(index[table + BODIES] - 1, -1, -1):
         row = _body_row(index, body)
         if index[row] < 0:
             continue
+        near = margin + 0.5 * balls[body, OWN_SPEED]
         for i in range(index[table + SOLIDS]):
             s, kind = index[solids + SOLID_ROW * i], index[solids + SOLID_ROW * i + 1]
-            if _off_solid(numbers, s, kind, balls[body], margin + balls[body, OWN_SPEED] * fraction):
+            if _off_solid(numbers, s, kind, balls[body], near):
                 continue
             t = _pair_fraction(numbers, index, q, d, s, kind, 0, row, state, later, fraction)
             if t < fraction and (whole or t == 0.0):
                 return 0.0
             fraction = min(fraction, t)
-    for pair in range(index[table + PAIRS]):
+    return _own_fraction(numbers, index, q, d, balls, state, later, fraction, whole)
+
+
+@njit(cache=True)
+def _own_fraction(
+    numbers: FloatArray,
+    index: IntArray,
+    q: FloatArray,
+    d: FloatArray,
+    balls: FloatArray,
+    state: FloatArray,
+    later: FloatArray,
+    fraction: float,
+    whole: bool,
+) -> float:
+    """The part of [0, fraction] in which the bodies stay off each other; ``state`` and ``later`` are room.
+
+    Pairs of the same two joints follow each other, and what is the same for them is worked out once.
+    """
+    seen_from, seen, placed, moved = -1, -1, False, 0.0
+    for pair in range(index[index[TABLE] + PAIRS]):
         at = _pair_row(index, pair)
         row, first = _body_row(index, index[at + 1]), index[_body_row(index, index[at])] + 1
-        moved = _speed_between(numbers, index, d, first, row) * fraction
-        if _off_each_other(balls[index[at]], balls[index[at + 1]], margin + moved):
+        if first != seen_from or row != seen:
+            moved = _speed_between(numbers, index, d, first, row)
+            placed = placed and first == seen_from and index[row] == index[seen]
+            seen_from, seen = first, row
+        if _off_each_other(balls[index[at]], balls[index[at + 1]], numbers[1] + 0.5 * moved):
             continue
-        _frames(numbers, index, q, d, 0.0, first, index[row], state)
+        if not placed:
+            _frames(numbers, index, q, d, 0.0, first, index[row], state)
+            placed = True
         t = _pair_fraction(numbers, index, q, d, index[at + 2], BOX, first, row, state, later, fraction)
         if t < fraction and (whole or t == 0.0):
             return 0.0
