@@ -5,7 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Any
 
-from guided_gym.catalogue.files import file_distribution
+from guided_gym.catalogue.file_problems import file_distribution
 from guided_gym.envs.guided_search_env import GuidedSearchEnv
 
 

@@ -4,7 +4,9 @@ from __future__ import annotations
 
 import difflib
 import warnings
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator
+from contextlib import contextmanager
+from pathlib import Path
 from typing import Any
 
 _LONGEST = 200  # characters of a name that a message repeats
@@ -19,6 +21,15 @@ class GuidedGymError(Exception):
 
 class InvalidInputError(GuidedGymError, ValueError):
     """A value handed in by the caller cannot be used (bad geometry, NaN, a start in collision, ...)."""
+
+
+@contextmanager
+def named(place: str | Path) -> Iterator[None]:
+    """Put where it happened before the message of an `InvalidInputError`."""
+    try:
+        yield
+    except InvalidInputError as error:
+        raise InvalidInputError(f"{place}: {error}") from None
 
 
 class UnknownNameError(GuidedGymError, KeyError):

@@ -16,11 +16,10 @@ from typing import Any, Final, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
-from guided_gym.catalogue.files import parsed_toml
-from guided_gym.catalogue.maps import read_text
 from guided_gym.checks import shown
 from guided_gym.errors import InvalidInputError, StorageError, UnknownNameError
 from guided_gym.guidance.learned.weights import pack_tensors, read_bytes, unpack_tensors
+from guided_gym.storage.foreign_file import parsed_toml, read_text
 from guided_gym.storage.whole_file import write_whole
 
 CONFIG_FILE: Final = "config.toml"

@@ -243,7 +243,9 @@ def convert(
 ) -> None:
     """Convert a map or problem into a problem file, GeoJSON, a ROS map or a picture."""
     from guided_gym.catalogue.files import file_of, map_file, write_problem_file
-    from guided_gym.catalogue.maps import MapOptions, write_geojson, write_ros
+    from guided_gym.catalogue.map_formats.geojson import write_geojson
+    from guided_gym.catalogue.map_formats.ros import write_ros
+    from guided_gym.catalogue.maps import MapOptions
 
     suffix = target.suffix.lower()
     if suffix not in (".toml", ".json", ".geojson", ".yaml", ".yml", ".svg", ".png", ".pdf"):
@@ -255,7 +257,7 @@ def convert(
     body: Robot | None
     poses: dict[str, list[float]] = {}
     if source.suffix.lower() == ".scen":
-        from guided_gym.catalogue.files import ScenarioProblems
+        from guided_gym.catalogue.file_problems import ScenarioProblems
         from guided_gym.geometry.robots import rigid
 
         problems = ScenarioProblems(source)
@@ -283,7 +285,7 @@ def convert(
 
 def _raster_resolution(source: Path, target: Path, options: MapOptions) -> float:
     """The side of a cell of a ROS map to be written: that of the options, or of the raster that was read."""
-    from guided_gym.catalogue.maps import ros_header
+    from guided_gym.catalogue.map_formats.ros import ros_header
 
     resolution, read = options.resolution, source
     if source.suffix.lower() in (".yaml", ".yml"):
@@ -411,13 +413,14 @@ def _problems(
     """The problem that a file and the options make together, or one for each goal of the file."""
     import numpy as np
 
-    from guided_gym.catalogue.files import PROBLEM_SUFFIXES, load_problems, pose_trouble, read_problem_file
+    from guided_gym.catalogue.files import PROBLEM_SUFFIXES, load_problems, read_problem_file
+    from guided_gym.catalogue.inspection import pose_trouble
     from guided_gym.geometry.space import ConfigurationSpace
     from guided_gym.problems import Problem, Task
 
     whole = robot is None and start is None and goal is None
     if file.suffix.lower() == ".scen":
-        from guided_gym.catalogue.files import file_distribution
+        from guided_gym.catalogue.file_problems import file_distribution
 
         return [file_distribution(str(file)).problem(0)]
     if file.suffix.lower() in PROBLEM_SUFFIXES and whole:
@@ -445,7 +448,7 @@ def _problems(
 
 def _first_task(tasks: Path) -> tuple[str, str] | None:
     """Start and goal of the first task, in which the space is made; None where the line is no task."""
-    from guided_gym.catalogue.maps import read_text
+    from guided_gym.storage.foreign_file import read_text
 
     for row in csv.reader(read_text(tasks).splitlines()[:2]):
         cells = [cell.strip() for cell in row]
@@ -471,7 +474,7 @@ def _size_of(environment: Environment) -> str:
 def _pose_row(space: ConfigurationSpace, label: str, q: Sequence[float]) -> tuple[bool, str]:
     import numpy as np
 
-    from guided_gym.catalogue.files import pose_trouble
+    from guided_gym.catalogue.inspection import pose_trouble
 
     if space.valid(q):
         return True, f"{[round(v, 6) for v in q]}, free, clearance {float(space.clearance(q)):.4g}"

@@ -14,9 +14,7 @@ from typing import Any, Final
 import numpy as np
 from numpy.typing import NDArray
 
-from guided_gym.catalogue.files import pose_trouble
-from guided_gym.catalogue.inspection import robot_widths
-from guided_gym.catalogue.maps import read_text
+from guided_gym.catalogue.inspection import pose_trouble, robot_widths
 from guided_gym.checks import integer, number
 from guided_gym.doors import doors
 from guided_gym.errors import InvalidInputError, StorageError
@@ -31,6 +29,7 @@ from guided_gym.options import SearchOptions
 from guided_gym.problems import Problem, Task
 from guided_gym.randomness import streams
 from guided_gym.search.search import Search
+from guided_gym.storage.foreign_file import read_text
 from guided_gym.storage.preparations import PreparationStore, keeping
 from guided_gym.train.protocols import guiding_space
 from guided_gym.train.specs import GuidanceSpec

@@ -425,7 +425,7 @@ def package_version() -> str:
 
 def file_label(environment: str) -> str:
     """An environment's name as part of a file's name; of a problem file without folder and extension."""
-    from guided_gym.catalogue.files import is_file_name
+    from guided_gym.catalogue.file_problems import is_file_name
 
     return Path(environment).stem if is_file_name(environment) else environment
 

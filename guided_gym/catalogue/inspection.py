@@ -66,6 +66,29 @@ def robot_widths(robot: Robot) -> tuple[float, float]:
     return float(np.ptp(across, axis=0).min()), 2.0 * robot.radius
 
 
+def pose_trouble(space: ConfigurationSpace, q: FloatArray, names: Sequence[str] = ()) -> str:
+    """Why a pose is not free, and the nearest one that is.
+
+    Args:
+        space: The configuration space.
+        q: (d,) a configuration that is not valid.
+        names: What to call the first of the obstacles; the others get their number.
+    """
+    placed = shapely.union_all(space.robot.place(q))
+    hits = hit_obstacles(space.environment, placed)
+    called = [names[i] if i < len(names) else f"obstacle {i}" for i in hits]
+    if called:
+        what = "in collision with " + ", ".join(dict.fromkeys(called[:4]))
+        what += f" and {len(called) - 4} more" if len(called) > 4 else ""
+    elif shapely.box(*space.environment.bounds).contains_properly(placed):
+        what = f"nearer to an obstacle or the bounds than the tolerance {space.tolerance:.3g}"
+    else:
+        what = f"touching or crossing the bounds {space.environment.bounds}"
+    near = nearest_free_pose(space, q)
+    hint = "none was found near it" if near is None else f"{[round(v, 6) for v in near.tolist()]} is free"
+    return f"{q.tolist()}, {what}; {hint}"
+
+
 def hit_obstacles(environment: Environment, shape: shapely.Geometry) -> list[int]:
     """Numbers of the obstacles that a placed robot touches."""
     tree = shapely.STRtree(environment.obstacles)

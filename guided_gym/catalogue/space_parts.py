@@ -2,29 +2,23 @@
 
 from __future__ import annotations
 
-from typing import Annotated, Any
+from typing import Annotated, Any, Final, Literal
 
-from pydantic import BaseModel, ConfigDict, Field
+from pydantic import Field
 
-from guided_gym.errors import InvalidInputError
+from guided_gym.catalogue.file_parts import Number, Pair, Part, Text, plain
+from guided_gym.errors import InvalidInputError, named
 from guided_gym.geometry.solids import Box, Capsule, Cylinder, Solid, SpatialEnvironment
 from guided_gym.geometry.spatial_arms import SpatialArm, SpatialBody, SpatialJoint
 
-Number = Annotated[float, Field(allow_inf_nan=False, ge=-1e12, le=1e12)]
 Triple = Annotated[list[Number], Field(min_length=3, max_length=3)]
 Rows = Annotated[list[Triple], Field(min_length=3, max_length=3)]
-Pair = Annotated[list[Number], Field(min_length=2, max_length=2)]
-Name = Annotated[str, Field(max_length=10_000)]
 _AXIS: Any = [0.0, 0.0, 1.0]
 _ZERO: Any = [0.0, 0.0, 0.0]
 _NO_TURN: Any = [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]]
 
 
-class _Model(BaseModel):
-    model_config = ConfigDict(strict=True, extra="forbid", frozen=True)
-
-
-class SolidPart(_Model):
+class SolidPart(Part):
     """A solid: a box by its centre and sides, or a solid with a start, an end and a radius.
 
     Attributes:
@@ -37,7 +31,7 @@ class SolidPart(_Model):
         radius: Around the axis.
     """
 
-    kind: Annotated[str, Field(pattern="^(box|cylinder|capsule)$")]
+    kind: Literal["box", "cylinder", "capsule"]
     centre: Triple | None = None
     sides: Triple | None = None
     rpy: Triple = _ZERO
@@ -53,25 +47,22 @@ class SolidPart(_Model):
                 what = "needs" if name in wanted else "takes no"
                 raise InvalidInputError(f"{place}: a {self.kind} {what} {name}")
         values = [getattr(self, name) for name in wanted]
-        try:
-            if self.kind == "box":
-                return Box(values[0], values[1], self.rpy)  # type: ignore[arg-type]
-            return Cylinder(*values) if self.kind == "cylinder" else Capsule(*values)
-        except InvalidInputError as error:
-            raise InvalidInputError(f"{place}: {error}") from None
+        with named(place):
+            return _SOLIDS[self.kind](*values, *([self.rpy] if self.kind == "box" else []))
 
     @classmethod
     def of(cls, solid: Solid) -> SolidPart:
         """The part from which the same solid comes back."""
-        if isinstance(solid, Box):
-            return cls(kind="box", centre=[*solid.centre], sides=[*solid.sides], rpy=[*solid.rpy])
-        if isinstance(solid, Capsule | Cylinder):
-            kind = type(solid).__name__.lower()
-            return cls(kind=kind, start=[*solid.start], end=[*solid.end], radius=solid.radius)
-        raise InvalidInputError(f"solid: expected a box, cylinder or capsule, got {solid!r}")
+        kind = type(solid).__name__.lower()
+        if _SOLIDS.get(kind) is not type(solid):
+            raise InvalidInputError(f"solid: expected a box, cylinder or capsule, got {solid!r}")
+        return cls(kind=kind, **plain(solid))  # type: ignore[arg-type]
 
 
-class RoomPart(_Model):
+_SOLIDS: Final[dict[str, type[Solid]]] = {"box": Box, "cylinder": Cylinder, "capsule": Capsule}
+
+
+class RoomPart(Part):
     """A room.
 
     Attributes:
@@ -80,7 +71,7 @@ class RoomPart(_Model):
     """
 
     sides: Annotated[list[Number], Field(min_length=6, max_length=6)]
-    solids: Annotated[list[SolidPart], Field(max_length=100_000)] = []
+    solids: Annotated[list[SolidPart], Field(max_length=100_000)] = Field([])
 
     def environment(self) -> SpatialEnvironment:
         """The room.
@@ -97,59 +88,43 @@ class RoomPart(_Model):
         return cls(sides=[*room.room], solids=[SolidPart.of(solid) for solid in room.solids])
 
 
-class SpatialJointPart(_Model):
+class SpatialJointPart(Part):
     """A joint of an arm in space; see `SpatialJoint`."""
 
-    name: Name = ""
+    name: Text = ""
     offset: Triple = _ZERO
     axis: Triple = _AXIS
     turned: Rows = _NO_TURN
     limits: Pair | None = None
     slides: bool = False
-    follows: Name | None = None
+    follows: Text | None = None
     factor: Number = 1.0
     shift: Number = 0.0
 
     def joint(self) -> SpatialJoint:
         """The joint."""
-        return SpatialJoint(
-            self.offset,  # type: ignore[arg-type]
-            self.axis,  # type: ignore[arg-type]
-            self.turned,  # type: ignore[arg-type]
-            self.limits,  # type: ignore[arg-type]
-            self.slides,
-            self.name,
-            None if self.follows is None else (self.follows, self.factor, self.shift),
-        )
+        said = self.model_dump(exclude={"factor", "shift"})
+        follows = None if self.follows is None else (self.follows, self.factor, self.shift)
+        return SpatialJoint(**{**said, "follows": follows})
 
     @classmethod
     def of(cls, joint: SpatialJoint) -> SpatialJointPart:
         """The part from which the same joint comes back."""
         follows, factor, shift = joint.follows or (None, 1.0, 0.0)
-        return cls(
-            name=joint.name,
-            offset=[*joint.offset],
-            axis=[*joint.axis],
-            turned=[[*row] for row in joint.turned],
-            limits=None if joint.limits is None else [*joint.limits],
-            slides=joint.slides,
-            follows=follows,
-            factor=factor,
-            shift=shift,
-        )
+        return cls(**{**plain(joint), "follows": follows, "factor": factor, "shift": shift})
 
 
-class SpatialBodyPart(_Model):
+class SpatialBodyPart(Part):
     """A body of an arm in space; see `SpatialBody`."""
 
     joint: Annotated[int, Field(ge=-1)]
     start: Triple
     end: Triple
     radius: Number
-    link: Name = ""
+    link: Text = ""
 
 
-class ArmPart(_Model):
+class ArmPart(Part):
     """An arm in space; see `SpatialArm`.
 
     Attributes:
@@ -162,13 +137,13 @@ class ArmPart(_Model):
         ignored: Pairs of bodies that may touch all the same.
     """
 
-    name: Name = "arm in space"
+    name: Text = "arm in space"
     joints: Annotated[list[SpatialJointPart], Field(min_length=1, max_length=1000)]
     bodies: Annotated[list[SpatialBodyPart], Field(min_length=1, max_length=1000)]
     tool: Triple
     tool_joint: Annotated[int, Field(ge=0)] | None = None
     self_collision: bool = False
-    ignored: list[Annotated[list[int], Field(min_length=2, max_length=2)]] = []
+    ignored: list[Annotated[list[int], Field(min_length=2, max_length=2)]] = Field([])
 
     def arm(self) -> SpatialArm:
         """The arm.
@@ -197,17 +172,10 @@ class ArmPart(_Model):
             name=arm.name,
             joints=[SpatialJointPart.of(joint) for joint in arm.joints],
             bodies=[
-                SpatialBodyPart(
-                    joint=body.joint,
-                    start=[*body.shape.start],
-                    end=[*body.shape.end],
-                    radius=body.shape.radius,
-                    link=body.link,
-                )
-                for body in arm.bodies
+                SpatialBodyPart(joint=body.joint, link=body.link, **plain(body.shape)) for body in arm.bodies
             ],
-            tool=[*arm.tool[1]],
+            tool=plain(arm.tool[1]),
             tool_joint=arm.tool[0],
             self_collision=arm.self_collision,
-            ignored=[[i, k] for i, k in sorted(arm.ignored)],
+            ignored=plain(sorted(arm.ignored)),
         )

@@ -17,7 +17,7 @@ from guided_gym.catalogue import arms, spatial
 from guided_gym.catalogue.buildings import building, random_building
 from guided_gym.catalogue.clutter import random_clutter
 from guided_gym.catalogue.distributions import FixedProblem, ProblemDistribution, SampledProblems
-from guided_gym.catalogue.files import file_distribution, is_file_name
+from guided_gym.catalogue.file_problems import file_distribution, is_file_name
 from guided_gym.catalogue.mazes import (
     hard_point_maze,
     hard_stick_maze,

@@ -196,6 +196,40 @@ def test_errors__name_file_line_and_field(old: str, new: str, message: str, tmp_
     assert "\n" not in str(caught.value)
 
 
+ARM = """
+[robot]
+kind = "linkage"
+tool = [0.0, 0.0]
+[[robot.joints]]
+offset = [5.0, 5.0]
+[[robot.bodies]]
+joint = 0
+[robot.bodies.outline]
+type = "LineString"
+coordinates = [[0.0, 0.0], [1.0, 0.0]]
+"""
+ROBOTS = [
+    ("offset = [5.0, 5.0]", "ofset = [5.0, 5.0]", r"line 9: robot.joints\[0\].ofset: .*'offset'.*parent"),
+    ("offset = [5.0, 5.0]", "limits = [1.0, 0.0]", r"line 8: robot.joints\[0\]: .*limits low < high"),
+    ("joint = 0", "joint = 1", r"line 5: robot: a body's joint: expected 0 to 0, got 1"),
+    ("LineString", "Line", r"line 12: robot.bodies\[0\].outline: type: expected one of"),
+    ("LineString", "MultiLineString", r"line 12: robot.bodies\[0\].outline: coordinates"),
+    ("tool = [0.0, 0.0]", "tool = [0.0]", r"line 7: robot.tool: expected at least 2 items, got"),
+    ("[robot]", '[map]\nfile = "../it.png"\n[robot]', r"line 6: map.file: expected a file in .* or below"),
+    ("[robot]", '[map]\nfile = "no.png"\n[robot]', r"map.file: .*no such file"),
+]
+
+
+@pytest.mark.parametrize(("old", "new", "message"), ROBOTS, ids=[str(i) for i in range(len(ROBOTS))])
+def test_errors__of_robots_and_maps_name_the_field(old: str, new: str, message: str, tmp_path: Path) -> None:
+    text = f'format = "guided-gym problem 1"\nstart = [0.0]\ngoal = [1.0]\nbounds = [0, 0, 10, 10]{ARM}'
+    assert text.count(old) == 1
+    file = tmp_path / "it.toml"
+    file.write_text(text.replace(old, new))
+    with pytest.raises(GuidedGymError, match=message):
+        Problem.load(file)
+
+
 GOALS = [
     ("[[9.0, 5.0, 0.0], [9.0, 1.0, 0.0]]", None),
     ("[[9.0, 5.0, 0.0], [5.0, 5.0, 0.0]]", r"line 4: goals\[1\]: .*'column'.* is free"),

@@ -19,17 +19,11 @@ from hypothesis import strategies as st
 from scipy.sparse import coo_matrix
 from scipy.sparse.csgraph import dijkstra
 
-from guided_gym.catalogue.maps import (
-    MapOptions,
-    movingai_cells,
-    read_map,
-    read_pgm,
-    read_picture,
-    read_scenario,
-    ros_values,
-    write_geojson,
-    write_ros,
-)
+from guided_gym.catalogue.map_formats.geojson import write_geojson
+from guided_gym.catalogue.map_formats.movingai import movingai_cells
+from guided_gym.catalogue.map_formats.pictures import read_pgm, read_picture
+from guided_gym.catalogue.map_formats.ros import ros_values, write_ros
+from guided_gym.catalogue.maps import MapOptions, read_map, read_scenario
 from guided_gym.catalogue.table import make_distribution
 from guided_gym.errors import GuidedGymError, InvalidInputError, StorageError
 from guided_gym.geometry.environment import Environment
@@ -537,8 +531,9 @@ def test_geojson__mends_on_demand_only(tmp_path: Path) -> None:
     ],
 )
 def test_geojson__errors_name_the_feature(geometry: object, message: str, tmp_path: Path) -> None:
-    with pytest.raises(GuidedGymError, match=message):
+    with pytest.raises(GuidedGymError, match=message) as caught:
         read_map(_geojson(tmp_path, _feature(geometry)))
+    assert str(caught.value).count("it.geojson") == 1
 
 
 # Any damage -------------------------------------------------------------------------------------------------
