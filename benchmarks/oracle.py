@@ -12,6 +12,10 @@ free vertices, which scikit-fmm is given for nothing.
 
 Then floors of buildings against grids four times finer, and for random problems certified paths (of wavefront
 searches, shortened) against the optimum, and the cost-to-go along the edges of the trees, which are free.
+
+    python benchmarks/oracle.py --roadmaps
+
+Roadmaps in two and three dimensions against grids whose estimated error is 0.3 % on average, instead.
 """
 
 from __future__ import annotations
@@ -40,6 +44,7 @@ from guided_gym.geometry.space import ConfigurationSpace
 from guided_gym.kernels.cost_query import cost_to_go_many, cost_to_go_one
 from guided_gym.measure.certified import lengths_left, shortest_down
 from guided_gym.measure.oracle import Oracle, oracle_for
+from guided_gym.options import OracleOptions
 from guided_gym.planning import guided_search
 from guided_gym.train.paths import shortcut
 
@@ -221,6 +226,41 @@ def hardest(name, problems):
     }
 
 
+TWO_AND_THREE = {
+    "RandomClutter": 8,
+    "RandomMaze": 2,
+    "RandomTrapCup": 2,
+    "HardStickMaze": 1,
+    "SimplePassage": 1,
+    "RandomPointMaze": 2,
+    "HardPointMaze": 2,
+}
+"""Problems of each, for roadmaps beside grids."""
+
+
+def beside_grid(name, seed, vertices):
+    """Roadmaps of so many vertices, and the one of the default options, against a fine grid, at 400 poses."""
+    problem = make_distribution(name).problem(seed)
+    space, task = problem.space, problem.task
+    fine = Oracle(
+        space, task.goal, options=OracleOptions(mean=0.003, tail=0.03, budget=8_000_000), cache=False
+    )
+    q = space.sample(np.random.default_rng(seed), 4000)
+    q = q[space.valid(q)]
+    exact = fine.cost_to_go(q)
+    known = np.flatnonzero(np.isfinite(exact) & (exact > 0))[:400]
+    row = {"problem": f"{name} {seed}", "C": space.dimension, "grid, error %": 100 * fine.error.mean}
+    for count in (*vertices, None):
+        options = OracleOptions(method="roadmap", resolution=None if count is None else (count,))
+        oracle = Oracle(space, task.goal, start=task.start, options=options, cache=False)
+        error = np.abs(oracle.cost_to_go(q[known]) / exact[known] - 1)
+        label = "chosen" if count is None else f"{count:,}"
+        row[label] = 100 * float(error.mean())
+        row[f"{label}, estimated"] = 100 * oracle.error.mean
+        row[f"{label}, vertices"] = oracle.resolution[0]
+    return row
+
+
 def tight_length(space, path, rng):
     """Length of a path after three rounds of shortcuts between points along it."""
     for _ in range(3):
@@ -289,8 +329,15 @@ def main() -> int:
     parser.add_argument(
         "--finer", type=int, default=4, help="of buildings' reference; 4 takes 3 GB and a minute"
     )
+    parser.add_argument("--roadmaps", action="store_true", help="roadmaps beside grids, and nothing else")
     options = parser.parse_args()
     console = Console()
+    if options.roadmaps:
+        rows = [beside_grid(name, k, (10_000,)) for name, n in TWO_AND_THREE.items() for k in range(n)]
+        show(console, rows)
+        errors = {key: float(np.mean([row[key] for row in rows])) for key in ("10,000", "chosen")}
+        console.print("mean over the problems, %:", errors)
+        return 0 if max(errors.values()) <= 2.0 else 1
     with tempfile.TemporaryDirectory() as folder:
         os.environ["GUIDED_GYM_CACHE"] = folder
         speeds = speed()

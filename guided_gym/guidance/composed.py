@@ -215,11 +215,15 @@ class Composed(GuidingSpace):
 
     def select(self, tree: SearchTree) -> int:
         """The node of least h, or the fallback's choice while no node has a way."""
-        if self._seek and (getattr(self.solver, "hopeless", False) or not math.isfinite(self.least(tree)[1])):
+        if self._seek and (getattr(self.solver, "hopeless", False) or self._lost(tree)):
             self._seek_proof()
-        if self.fallback is not None and not math.isfinite(self.least(tree)[1]):
+        if self.fallback is not None and self._lost(tree):
             return self.fallback.select(tree)
         return super().select(tree)
+
+    def _lost(self, tree: SearchTree) -> bool:
+        """Whether no node has a way."""
+        return not math.isfinite(self.least(tree)[1])
 
     def _seek_proof(self) -> None:
         """Where no way is seen: perhaps there is none (see `guided_gym.guidance.proof`).
@@ -233,7 +237,7 @@ class Composed(GuidingSpace):
 
     def distribution(self, tree: SearchTree) -> Floats:
         """(n,) the distribution P over the nodes from which `select` draws."""
-        if self.fallback is not None and not math.isfinite(self.least(tree)[1]):
+        if self.fallback is not None and self._lost(tree):
             return self.fallback.distribution(tree)
         return super().distribution(tree)
 

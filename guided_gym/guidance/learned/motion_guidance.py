@@ -5,23 +5,28 @@ from __future__ import annotations
 import math
 from functools import partialmethod
 from pathlib import Path
-from typing import ClassVar, Final
+from typing import TYPE_CHECKING, ClassVar, Final
 
 import numpy as np
 from numpy.typing import NDArray
 
-from guided_gym.checks import flag, number
+from guided_gym.checks import flag, integer, number
 from guided_gym.errors import InvalidInputError
 from guided_gym.guidance.composed import AVOID, Composed, Lesson
 from guided_gym.guidance.learned.motion_agent import MotionAgent, load_motion_agent
 from guided_gym.guidance.learned.scored import ScoredGuidance
-from guided_gym.guidance.modifications import UNCHANGED, Predicted
+from guided_gym.guidance.modifications import UNCHANGED, Inner, Predicted
 from guided_gym.guidance.solvers.estimated import Estimated
 from guided_gym.guidance.solvers.roadmap import Roadmap
+from guided_gym.search.search import NO_NODE, Expansion
+
+if TYPE_CHECKING:
+    from guided_gym.search.tree import SearchTree
 
 LESSON: Final = Lesson(reach=0.2, factor=math.inf, check=0.0)
 """A failure refutes what passes near it; nothing is checked for collision."""
 SIGHTS: Final = ("belief", "estimate", "both")
+TEACHES_NOTHING: Final = Lesson(factor=1.0)
 _NEAR: Final = 0.5  # steps around a contact that count as known to be bad
 
 
@@ -31,7 +36,8 @@ class MotionGuidance(ScoredGuidance):
     Args:
         agent: A shipped agent's name, a folder, or a `MotionAgent`.
         sees: What h rests on: ``"belief"``, the roadmap through what is believed free; ``"estimate"``, the
-            cost-to-go network; ``"both"``, the roadmap, and the network while no node has a way on it.
+            cost-to-go network; ``"both"``, the roadmap, the network for nodes without a way on it, and a
+            checked roadmap once no node has one.
         scored: Whether the scorer selects; without, h does.
         detour: How much a node's suboptimality counts in h, where the scorer does not select.
         temperature: 0 selects the largest logit, or least h; 1 draws from the softmax that was trained.
@@ -40,6 +46,8 @@ class MotionGuidance(ScoredGuidance):
         neighbours: Edges from each vertex to its nearest neighbours.
         anchors: Vertices that a configuration is joined to.
         effort: What a failure costs, in lengths of the motion (see `Predicted`).
+        checked: Vertices of that roadmap of the inner bodies, with as many neighbours and anchors. It is
+            drawn, and checked for collision, only when it is needed. 0 for none: the network guides then.
         candidates: Members of N_C(v) that a proposal looks at; None for as many as the search's options say.
 
     Raises:
@@ -63,6 +71,7 @@ class MotionGuidance(ScoredGuidance):
         neighbours: int = 12,
         anchors: int = 12,
         effort: float = 1.0,
+        checked: int = 8000,
         candidates: int | None = None,
     ) -> None:
         self.agent = agent if isinstance(agent, MotionAgent) else load_motion_agent(str(agent))
@@ -71,11 +80,12 @@ class MotionGuidance(ScoredGuidance):
         roadmap = Roadmap(vertices=vertices, neighbours=neighbours, anchors=anchors)
         predicted = Predicted(self.agent.belief, effort=effort)
         alone = sees == "estimate"
+        estimate = Composed(Estimated(self.agent)) if sees == "both" else None
         super().__init__(
             Estimated(self.agent) if alone else roadmap,
             environment=UNCHANGED if alone else predicted,
             lesson=AVOID if alone else LESSON,
-            fallback=Composed(Estimated(self.agent)) if sees == "both" else None,
+            fallback=estimate,
             detour=detour,
             temperature=temperature,
             candidates=candidates,
@@ -83,6 +93,40 @@ class MotionGuidance(ScoredGuidance):
         self.scorer = self.agent.scorer
         self.scored = flag("scored", scored)
         self.failure_penalty = number("failure_penalty", failure_penalty, least=0)
+        self._first, self._last = estimate, estimate
+        if integer("checked", checked, least=0) and sees == "both":
+            self._last = Composed(
+                Roadmap(vertices=checked, neighbours=neighbours, anchors=anchors),
+                Inner(),
+                lesson=TEACHES_NOTHING,
+                fallback=estimate,
+            )
+
+    def prepare(self) -> None:
+        """Have the roadmap begin."""
+        self.fallback = self._first
+        super().prepare()
+
+    def select(self, tree: SearchTree) -> int:
+        """As in `Composed`; the checked roadmap begins where no node has a way for the first time."""
+        if self.fallback is not self._last and self._lost(tree):
+            self._check(tree)
+        return super().select(tree)
+
+    def _check(self, tree: SearchTree) -> None:
+        """Have a checked roadmap guide where the belief sees no way; what it looks at is counted."""
+        assert self._last is not None
+        self.fallback = self._last
+        self._last.reset(self.search)
+        solver = self._last.solver
+        assert isinstance(solver, Roadmap)
+        self.search.looks += solver.checks
+        self.search.collision_checks += solver.checks
+        failed, count = tree.failed, tree.failure_count
+        for node, target, contact in zip(
+            failed.nodes[:count], failed.targets[:count], failed.contacts[:count], strict=True
+        ):
+            self._last.feedback(Expansion(int(node), target, NO_NODE, contact, False))
 
     def _clearance(self, q: NDArray[np.float64]) -> NDArray[np.float64]:
         """Nothing: that would be a look at the obstacles themselves."""

@@ -87,6 +87,10 @@ class ScoredGuidance(Composed):
         logits = self.logits(tree)
         return np.asarray((logits.max() - logits) * DEFAULT_TARGET.tau * self._optimum(tree))
 
+    def _lost(self, tree: SearchTree) -> bool:
+        """Whether no node has a way; the scores of nodes without one say nothing of it."""
+        return not np.isfinite(self.costs(tree)).any() if self.scored else super()._lost(tree)
+
     def distribution(self, tree: SearchTree) -> NDArray[np.float64]:
         """(n,) one-hot at the largest logit, or the softmax of the logits if there is a temperature."""
         if self.temperature == 0 or not self.scored:

@@ -110,6 +110,11 @@ class Roadmap(GraphCostToGo):
         self._told = np.zeros((0, 0), np.bool_)  # which anchors of the nodes have been asked about
         return made
 
+    @property
+    def checks(self) -> int:
+        """Vertices and edges that were checked, or would be, if no other search had drawn this roadmap."""
+        return 0 if self._lazy else len(self._net.points) * (1 + self.neighbours)
+
     def anchor(self, states: Floats) -> Anchors:
         """Join each state to its nearest vertices, or to the goal where that is nearer."""
         points, count = self.graph.points, min(self.anchors, len(self.graph.points) - 1)

@@ -19,7 +19,7 @@ from guided_gym.guidance.learned import weights
 from guided_gym.guidance.learned.belief import BeliefArchitecture, BeliefModel, plain_tensors, scene_of
 from guided_gym.guidance.learned.folders import agent_folder
 from guided_gym.guidance.learned.motion_agent import MotionAgent, load_motion_agent
-from guided_gym.guidance.learned.motion_guidance import LESSON
+from guided_gym.guidance.learned.motion_guidance import LESSON, MotionGuidance
 from guided_gym.guidance.modifications import Predicted
 from guided_gym.guidance.registry import make_guidance
 from guided_gym.guidance.solvers.roadmap import Roadmap
@@ -112,6 +112,38 @@ def test_where_nothing_is_believed_in_few_roadmaps_are_asked_about(problem: Prob
     result = guided_search(problem, guidance, seed=0, max_samples=30, measure=False)
     assert len(roadmap.graph.points) == 301  # as many as the first had, and the goal
     assert result.looks < 5 * 301 + 30 * 40  # of each vertex of four roadmaps, and of the motions tried
+
+
+def _doubtful() -> MotionAgent:
+    """An agent that believes in no motion."""
+    agent, architecture = load_motion_agent(AGENT), BeliefArchitecture(hidden=1)
+    never = {name: np.zeros(shape, np.float32) for name, shape in architecture.shapes().items()}
+    never["last.bias"] -= 9.0
+    return MotionAgent(agent.card, BeliefModel(architecture, never), agent._estimate, agent.scorer)
+
+
+@pytest.mark.parametrize("scored", [False, True])
+def test_where_nothing_is_believed_in_a_checked_roadmap_guides_and_is_counted(
+    problem: Problem, scored: bool
+) -> None:
+    options = {"scored": scored, "vertices": 300, "candidates": 8}
+    agent = _doubtful()
+    checked = MotionGuidance(agent, checked=1500, **options)
+    result = guided_search(problem, checked, seed=0, max_samples=200, measure=False)
+    assert result.solved
+    assert result.looks > 1500 * 13
+    without = MotionGuidance(agent, checked=0, **options)
+    other = guided_search(problem, without, seed=0, max_samples=200, measure=False)
+    assert other.samples > 2 * result.samples
+    again = guided_search(problem, checked, seed=0, max_samples=200, measure=False)
+    assert np.array_equal(again.tree.configurations, result.tree.configurations)
+
+
+def test_a_checked_roadmap_is_not_drawn_where_the_belief_sees_a_way(problem: Problem) -> None:
+    both, bare = MotionGuidance(AGENT), MotionGuidance(AGENT, checked=0)
+    first, second = (guided_search(problem, g, seed=0, max_samples=300, measure=False) for g in (both, bare))
+    assert np.array_equal(first.tree.configurations, second.tree.configurations)
+    assert first.looks == second.looks
 
 
 def test_the_same_seed_gives_the_same_tree(problem: Problem) -> None:
