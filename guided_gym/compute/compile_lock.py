@@ -6,9 +6,10 @@ import gc
 import os
 import sys
 import time
+from collections.abc import Callable
 from pathlib import Path
 from types import ModuleType
-from typing import Any, Final
+from typing import Any, Final, ParamSpec, TypeVar
 
 from numba.core import caching, config, event
 
@@ -23,7 +24,21 @@ except ImportError:  # not on Windows: there, each process compiles for itself
 locks: ModuleType | None = _fcntl
 NAME: Final = "guided-gym-compiling.lock"
 PATIENCE: Final = 1.0  # seconds of waiting before something is said
+MARK: Final = "guided_gym_vectorised"  # attribute of functions whose loops are to be vectorised
 MESSAGE: Final = "guided-gym: waiting for another process that compiles kernels ..."
+
+
+P = ParamSpec("P")
+R = TypeVar("R")
+
+
+def vectorised(kernel: Callable[P, R]) -> Callable[P, R]:
+    """Mark a function, below its ``@njit``, as one whose loops are to be vectorised.
+
+    For short loops over arrays without branches, in functions of their own: others hardly gain.
+    """
+    setattr(kernel, MARK, True)
+    return kernel
 
 
 class CompileLock(event.Listener):
@@ -33,37 +48,45 @@ class CompileLock(event.Listener):
     the kernel has been kept, or could not be compiled. What a kernel calls compiles within it. The lock is
     the operating system's, so it goes with the process that holds it.
 
-    Meanwhile LLVM does not look for loops to vectorise: it finds few in kernels that branch at every turn,
-    and looking takes a third of the time. Nor is garbage looked for: a compiler makes many objects that
-    live, and going through them takes a tenth.
+    Meanwhile LLVM does not look for loops to vectorise, but in kernels that are marked as `vectorised`: it
+    finds few in kernels that branch at every turn, and looking takes a third of the time. Nor is garbage
+    looked for: a compiler makes many objects that live, and going through them takes a tenth.
     """
 
     def __init__(self) -> None:
         self._depth = 0
         self._file: int | None = None
-        self._vectorize: int | None = None  # numba's setting, while it is another
+        self._vectorize: list[int] = []  # numba's own setting, and that for each kernel being compiled
         self._collected = False  # whether garbage was looked for before
         self._said = False
 
-    def miss(self, folder: str) -> None:
-        """The cache in this folder has nothing: wait for the lock, unless it is held already."""
+    def miss(self, folder: str, vectorise: bool = False) -> None:
+        """The cache in this folder has nothing: wait for the lock, unless it is held already.
+
+        Args:
+            folder: Where the lock lies.
+            vectorise: Whether to look for loops to vectorise in what is compiled.
+        """
         self._depth += 1
         if self._depth == 1:
+            self._vectorize = [config.LOOP_VECTORIZE]  # type: ignore[attr-defined]
+        self._vectorize.append(self._vectorize[0] if vectorise else 0)
+        config.LOOP_VECTORIZE = self._vectorize[-1]  # type: ignore[attr-defined]
+        if self._depth == 1:
             self._file = self._acquired(Path(folder) / NAME)
-            self._vectorize = config.LOOP_VECTORIZE  # type: ignore[attr-defined]
-            config.LOOP_VECTORIZE = 0  # type: ignore[attr-defined]
             self._collected = gc.isenabled()
             gc.disable()
 
     def done(self) -> None:
         """A kernel was kept, was loaded after all, or could not be compiled."""
         self._depth -= 1
+        if self._vectorize:
+            self._vectorize.pop()
+        if self._vectorize:
+            config.LOOP_VECTORIZE = self._vectorize[-1]  # type: ignore[attr-defined]
         if self._depth > 0:
             return
-        self._depth = 0
-        if self._vectorize is not None:
-            config.LOOP_VECTORIZE = self._vectorize  # type: ignore[attr-defined]
-            self._vectorize = None
+        self._depth, self._vectorize = 0, []
         if self._collected:
             gc.enable()
             self._collected = False
@@ -146,7 +169,7 @@ def share_compilation() -> None:
             if found is None:
                 found = shipped(self, signature, target)
             if found is None:
-                lock.miss(str(self.cache_path))
+                lock.miss(str(self.cache_path), getattr(self._py_func, MARK, False))
                 found = load(self, signature, target)  # type: ignore[no-untyped-call]
                 if found is not None:
                     lock.done()

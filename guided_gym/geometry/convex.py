@@ -82,13 +82,13 @@ def cover_polygons(polygons: Sequence[shapely.Polygon] | npt.NDArray[np.object_]
         InvalidInputError: A polygon is so nearly degenerate that its triangulation loses area.
     """
     shapes = np.asarray(polygons, dtype=object)
-    whole = shapely.get_num_interior_rings(shapes) == 0
-    rings = shapes if whole.all() else shapes[whole]
-    counts = shapely.get_num_coordinates(rings).astype(np.int64)
-    vertices, sizes = convex_rings(shapely.get_coordinates(rings), np.cumsum(counts))
+    holes = shapely.get_num_interior_rings(shapes)
+    rings = shapes[holes == 0] if holes.any() else shapes
+    ends = np.cumsum(shapely.get_num_coordinates(rings), dtype=np.int64)
+    vertices, sizes = convex_rings(shapely.get_coordinates(rings), ends)
     if len(sizes) == len(shapes) and sizes.all():
         return Pieces(vertices, np.cumsum(sizes))
-    convex = np.flatnonzero(whole)[sizes > 0]
+    convex = np.flatnonzero(holes == 0)[sizes > 0]
     others = np.ones(len(shapes), dtype=bool)
     others[convex] = False
     concave = np.flatnonzero(others)

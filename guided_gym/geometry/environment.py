@@ -113,7 +113,7 @@ class Environment:
             environment.__dict__["cover"] = cells.cover
         return environment
 
-    @property
+    @cached_property
     def extent(self) -> float:
         """Diagonal of the bounds (length)."""
         xmin, ymin, xmax, ymax = self.bounds
@@ -130,10 +130,21 @@ class Environment:
         free = self.free_space
         return 2.0 * free.area / free.length if free.length > 0 else self.extent
 
+    @cached_property
+    def least_width(self) -> float:
+        """What `width` is at least: no obstacle takes more than its area, nor adds more than its boundary."""
+        shapes = np.array(self.obstacles, dtype=object)
+        xmin, ymin, xmax, ymax = self.bounds
+        area = (xmax - xmin) * (ymax - ymin) - float(shapely.area(shapes).sum())
+        return 2.0 * area / (2.0 * (xmax - xmin + ymax - ymin) + float(shapely.length(shapes).sum()))
+
     def magnitudes(self) -> tuple[float, float]:
         """The largest coordinate of the kernels' arrays, and that of the caller's bounds."""
-        corners = np.concatenate((self.cover.vertices, np.reshape(self.bounds, (2, 2))))
-        local = float(np.abs(corners - local_origin(self.bounds)).max())
+        x, y = local_origin(self.bounds)
+        xmin, ymin, xmax, ymax = self.bounds
+        vertices = self.cover.vertices
+        beyond = np.abs(vertices - (x, y) if x or y else vertices).max() if len(vertices) else 0.0
+        local = max(abs(xmin - x), abs(ymin - y), abs(xmax - x), abs(ymax - y), float(beyond))
         return local, max(map(abs, self.bounds))
 
     def keeping(self, kept: Sequence[int]) -> Environment:
@@ -273,11 +284,10 @@ def _checked_obstacles(items: list[object], bounds: Bounds) -> tuple[shapely.Pol
     if all(isinstance(item, shapely.Polygon) for item in items):
         shapes = np.empty(len(items), dtype=object)
         shapes[:] = items
+        # What is valid is finite, and what meets something is not empty.
         if (
-            np.isfinite(shapely.get_coordinates(shapes)).all()
-            and not (shapely.is_empty(shapes) | shapely.has_z(shapes)).any()
-            and shapely.is_valid(shapes).all()
-            and shapely.intersects(shapely.box(*bounds), shapes).all()
+            shapely.is_valid(shapes).all()
+            and (shapely.intersects(shapely.box(*bounds), shapes) > shapely.has_z(shapes)).all()
         ):
             return tuple(items)  # type: ignore[arg-type]
     polygons = [part for number, item in enumerate(items) for part in _checked_obstacle(number, item, bounds)]

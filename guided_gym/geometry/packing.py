@@ -28,7 +28,9 @@ def local_origin(bounds: Bounds) -> tuple[float, float]:
     return (xmin, ymin) if far else (0.0, 0.0)
 
 
-def pack(robot: Pieces, obstacles: Pieces, bounds: Bounds, tolerance: float) -> Geometry:
+def pack(
+    robot: Pieces, obstacles: Pieces, bounds: Bounds, tolerance: float, radius: float | None = None
+) -> Geometry:
     """Pack convex pieces and bounds into the arrays that the collision kernels read.
 
     Args:
@@ -36,6 +38,7 @@ def pack(robot: Pieces, obstacles: Pieces, bounds: Bounds, tolerance: float) -> 
         obstacles: Pieces in the workspace.
         bounds: (xmin, ymin, xmax, ymax); its sides become four half-planes.
         tolerance: Gap up to which a pose counts as colliding (length).
+        radius: Of the robot's pieces about their origin (length), where it is known.
     """
     origin = local_origin(bounds)
     vertices = obstacles.vertices - origin if any(origin) else obstacles.vertices
@@ -45,9 +48,10 @@ def pack(robot: Pieces, obstacles: Pieces, bounds: Bounds, tolerance: float) -> 
         order, nodes, rows = box_tree(boxes)
         vertices, ends = Pieces(vertices, obstacles.ends).taken(order)
         boxes = boxes[order]
-    radius = float(np.hypot(*robot.vertices.T).max())
+    if radius is None:
+        radius = float(np.hypot(*robot.vertices.T).max())
     header = np.array([tolerance, 1.001 * tolerance, radius, *origin])
-    sides = np.array(bounds) - [*origin, *origin]
+    sides = np.array(bounds) - [*origin, *origin] if any(origin) else np.array(bounds)
     numbers, index = pack_pieces(
         header, sides, robot.vertices, robot.ends, vertices, ends, boxes, nodes, rows
     )

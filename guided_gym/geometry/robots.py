@@ -154,7 +154,7 @@ class Robot(Mechanism):
 
     def packed(self, environment: Environment, tolerance: float) -> Geometry:
         """Robot, obstacles and bounds in the arrays of `guided_gym.kernels.collision`."""
-        return pack(self.cover, environment.cover, environment.bounds, tolerance)
+        return pack(self.cover, environment.cover, environment.bounds, tolerance, self.radius)
 
     def entry(self) -> int:
         """0: the kernels of `guided_gym.kernels.collision` are those of a rigid body."""

@@ -113,8 +113,8 @@ class ConfigurationSpace:
         self.extent = environment.extent
         self.names, *ranges = robot.coordinates(environment, rotation_weight)
         self.lower, self.upper, self.periods, self.weights = map(_frozen, ranges)
-        self._turning = _where(self.periods)
-        self._angles = tuple(np.flatnonzero(self.periods).tolist())
+        self._angles = tuple(i for i, period in enumerate(self.periods.tolist()) if period)
+        self._turning = _in_row(self._angles)
         self.metric = Metric(self.weights, self.periods)
         self.tolerance = _checked_tolerance(tolerance, robot, environment)
         self.geometry: collision.Geometry = robot.packed(environment, self.tolerance)
@@ -127,8 +127,10 @@ class ConfigurationSpace:
         side of a square room. For a robot of some size as much less as it is wide, but not less than three of
         its radii where the width allows them: longer motions than these rarely fit through a door.
         """
-        width, radius = self.environment.width, self.robot.radius
-        return float(min(width, max(width - 2.0 * radius, 3.0 * radius)))
+        return self._room(self.environment.width)
+
+    def _room(self, width: float) -> float:
+        return float(min(width, max(width - 2.0 * self.robot.radius, 3.0 * self.robot.radius)))
 
     @cached_property
     def scale(self) -> float:
@@ -137,7 +139,9 @@ class ConfigurationSpace:
         It is the default step. Guiding spaces use it as the unit of what a failure teaches, whatever the
         step.
         """
-        return min(0.05 * self.extent, self.room)
+        longest = 0.05 * self.extent
+        # Mostly there is room enough, and what is known at once of the width says so.
+        return longest if self._room(self.environment.least_width) >= longest else min(longest, self.room)
 
     def __setstate__(self, state: dict[str, object]) -> None:
         """Unpickled arrays are writable; ours are not, and the kernels would compile for both."""
@@ -303,18 +307,17 @@ class ConfigurationSpace:
         return many
 
 
-def _where(periods: FloatArray) -> slice | IntArray | None:
-    """The coordinates with a period: a slice where they are in a row; None where there are none."""
-    turning = np.flatnonzero(periods)
-    if not turning.size:
+def _in_row(turning: tuple[int, ...]) -> slice | IntArray | None:
+    """Coordinates as an index: a slice where they are in a row; None where there are none."""
+    if not turning:
         return None
-    first, last = int(turning[0]), int(turning[-1]) + 1
-    return slice(first, last) if last - first == turning.size else turning
+    first, last = turning[0], turning[-1] + 1
+    return slice(first, last) if last - first == len(turning) else np.array(turning)
 
 
 def _frozen(values: npt.ArrayLike) -> FloatArray:
     array = np.array(values, dtype=np.float64)
-    array.flags.writeable = False
+    array.setflags(write=False)
     return array
 
 

@@ -14,6 +14,7 @@ import numpy as np
 import numpy.typing as npt
 from numba import njit
 
+from guided_gym.compute.compile_lock import vectorised
 from guided_gym.kernels.collision import Geometry, motion_free, pose_free
 
 FloatArray = npt.NDArray[np.float64]
@@ -37,7 +38,8 @@ _AT_GOAL = 4.0  # cells
 _SLACK = 0.25  # cells by which bilinear rooms may be wrong
 _SURE = 0.1  # cells of room that a pose lacks which is surely blocked
 _NEAR = 2.0  # cells from which the goal is looked for itself
-_BLOCK = 8  # cells along a side whose near edges are looked for together
+_BLOCK: Final = 8  # cells along a side whose near edges are looked for together
+_HALF: Final = _BLOCK // 2
 
 
 @njit(cache=True)
@@ -202,46 +204,85 @@ def _measure_block(distances: Field, body: FloatArray, r0: int, c0: int, wide: i
 
     A disc lies at the same place between samples in every cell: the samples are taken apart by their place in
     a cell, so that a block is one sum. Beyond the samples counts the value at the rim less the way to it.
+    Discs opposite of each other change places in half a turn: they are put down at half the headings only.
     """
     m, n, turns, side = distances.shape[0], room.shape[0], room.shape[2], _BLOCK + 2 * wide
-    planes = np.empty((FINE, FINE, side, side), np.float32)
+    planes = np.empty((FINE, FINE, side * side), np.float32)
+    low, left = (r0 - wide) * FINE, (c0 - wide) * FINE
     for r in range(side * FINE):
-        j = min(max(r + (r0 - wide) * FINE, 0), m - 1)
-        for c in range(side * FINE):
-            i = min(max(c + (c0 - wide) * FINE, 0), m - 1)
-            way = (abs(r + (r0 - wide) * FINE - j) + abs(c + (c0 - wide) * FINE - i)) / FINE
-            planes[r % FINE, c % FINE, r // FINE, c // FINE] = distances[j, i] - np.float32(way)
-    least = np.empty((_BLOCK, _BLOCK), np.float32)
-    for t in range(turns):
-        cos, sin = math.cos(2.0 * math.pi * t / turns), math.sin(2.0 * math.pi * t / turns)
-        least[:] = np.inf
-        for p in range(body.shape[0]):
-            x = (cos * body[p, 0] - sin * body[p, 1] + 0.5 + wide) * FINE - 0.5
-            y = (sin * body[p, 0] + cos * body[p, 1] + 0.5 + wide) * FINE - 0.5
-            _lower(least, planes, int(x), int(y), x - int(x), y - int(y), body[p, 2])
-        for r in range(min(_BLOCK, n - r0)):
-            for c in range(min(_BLOCK, n - c0)):
-                room[r0 + r, c0 + c, t] = least[r, c]
+        j = min(max(low + r, 0), m - 1)
+        beyond, row, at = abs(low + r - j), distances[j], r // FINE * side
+        for b in range(FINE):
+            plane = planes[r % FINE, b, at : at + side]
+            for c in range(side):
+                i = min(max(left + c * FINE + b, 0), m - 1)
+                plane[c] = row[i] - np.float32((beyond + abs(left + c * FINE + b - i)) / FINE)
+    opposite = _opposite(body)
+    half = turns // 2 if turns % 2 == 0 else turns
+    alike = np.empty((_BLOCK - 1) * side + _BLOCK, np.float32)  # what lies between the rows of the block, too
+    least = np.empty_like(alike)
+    for t in range(half):
+        alike[:] = np.inf
+        _lower(alike, planes, body, opposite, 2.0 * math.pi * t / turns, side)
+        for h in range(t, turns, half):
+            least[:] = alike
+            _lower(least, planes, body, ~opposite, 2.0 * math.pi * h / turns, side)
+            for r in range(min(_BLOCK, n - r0)):
+                for c in range(min(_BLOCK, n - c0)):
+                    room[r0 + r, c0 + c, h] = least[r * side + c]
 
 
 @njit(cache=True)
-def _lower(least: Field, planes: Field, i: int, j: int, right: float, up: float, radius: float) -> None:
-    """Lower the rooms of a block to what four samples each, mixed, less a radius, come to."""
-    fx, fy, less = np.float32(right), np.float32(up), np.float32(radius)
-    a, b, c0, c1 = i % FINE, (i + 1) % FINE, i // FINE, (i + 1) // FINE
-    low, high = planes[j % FINE], planes[(j + 1) % FINE]
-    for r in range(_BLOCK):
-        low0, low1 = low[a, r + j // FINE, c0 : c0 + _BLOCK], low[b, r + j // FINE, c1 : c1 + _BLOCK]
-        high0, high1 = (
-            high[a, r + (j + 1) // FINE, c0 : c0 + _BLOCK],
-            high[b, r + (j + 1) // FINE, c1 : c1 + _BLOCK],
-        )
-        out = least[r]
-        for c in range(_BLOCK):
-            below = low0[c] + fx * (low1[c] - low0[c])
-            above = high0[c] + fx * (high1[c] - high0[c])
-            value = below + fy * (above - below) - less
-            out[c] = value if value < out[c] else out[c]
+def _opposite(body: FloatArray) -> BoolArray:
+    """Which of the discs (k, 3) x, y, radius have another one opposite of them, up to rounding."""
+    found = np.zeros(body.shape[0], np.bool_)
+    for p in range(body.shape[0]):
+        x, y, radius = body[p, 0], body[p, 1], body[p, 2]
+        slack = 1e-9 * (abs(x) + abs(y) + radius)
+        for o in range(body.shape[0]):
+            if abs(body[o, 0] + x) + abs(body[o, 1] + y) + abs(body[o, 2] - radius) <= slack:
+                found[p] = True
+    return found
+
+
+@njit(cache=True)
+def _lower(
+    least: Field, planes: Field, body: FloatArray, which: BoolArray, heading: float, side: int
+) -> None:
+    """Lower the rooms of a block to those of some discs: four samples each, mixed, less the radius."""
+    cos, sin, before = math.cos(heading), math.sin(heading), 0.5 * (side - _BLOCK) + 0.5
+    for p in range(body.shape[0]):
+        if which[p]:
+            x = (cos * body[p, 0] - sin * body[p, 1] + before) * FINE - 0.5
+            y = (sin * body[p, 0] + cos * body[p, 1] + before) * FINE - 0.5
+            i, j = int(x), int(y)
+            fx, fy, less = np.float32(x - i), np.float32(y - j), np.float32(body[p, 2])
+            low, high = j // FINE * side, (j + 1) // FINE * side
+            left, right, n = i // FINE, (i + 1) // FINE, least.size
+            low0 = planes[j % FINE, i % FINE, low + left : low + left + n]
+            low1 = planes[j % FINE, (i + 1) % FINE, low + right : low + right + n]
+            high0 = planes[(j + 1) % FINE, i % FINE, high + left : high + left + n]
+            high1 = planes[(j + 1) % FINE, (i + 1) % FINE, high + right : high + right + n]
+            _lower_mixed(least, low0, low1, high0, high1, (fx, fy, less))
+
+
+@njit(cache=True)
+@vectorised
+def _lower_mixed(
+    least: Field,
+    low0: Field,
+    low1: Field,
+    high0: Field,
+    high1: Field,
+    parts: tuple[np.float32, np.float32, np.float32],
+) -> None:
+    """Lower (n,) to four samples each, mixed by two parts, less a third number."""
+    fx, fy, less = parts
+    for c in range(least.size):
+        below = low0[c] + fx * (low1[c] - low0[c])
+        above = high0[c] + fx * (high1[c] - high0[c])
+        value = below + fy * (above - below) - less
+        least[c] = value if value < least[c] else least[c]
 
 
 @njit(cache=True)
@@ -249,18 +290,23 @@ def _sample_block(ground: Ground, r0: int, c0: int) -> None:
     """Turn the signs of a block of cells into signed distances."""
     edges, bounds, frame, out = ground.edges, ground.bounds, ground.frame, ground.distances
     n, cell, count = ground.room.shape[0], frame[CELL], edges.shape[0]
-    block, few, room = np.empty(count, np.int64), np.empty(count, np.int64), np.empty(count)
+    block, some = np.empty(count, np.int64), np.empty(count, np.int64)
+    few, room = np.empty(count, np.int64), np.empty(count)
     scratch = np.empty(FINE * FINE), np.empty(FINE * FINE), np.empty(FINE * FINE)
     x, y = frame[ORIGIN_X] + (c0 - 0.5) * cell, frame[ORIGIN_Y] + (r0 - 0.5) * cell
     wide = _BLOCK * cell
     half = math.sqrt(0.5) * wide
-    near = block[: _near(edges, np.arange(count), x + wide / 2, y + wide / 2, half, block, room)]
-    for r in range(r0, min(r0 + _BLOCK, n)):
-        for c in range(c0, min(c0 + _BLOCK, n)):
-            if out.shape[0] == n:
-                _sample_middle(edges, bounds, frame, r, c, near, out)
-            else:
-                _sample_cell(edges, bounds, frame, r, c, near, few, room, scratch, out)
+    around = block[: _near(edges, np.arange(count), x + wide / 2, y + wide / 2, half, block, room)]
+    for part in range(4):  # those near a quarter of the block are fewer again
+        r1, c1 = r0 + part // 2 * _HALF, c0 + part % 2 * _HALF
+        x, y = frame[ORIGIN_X] + (c1 - 0.5) * cell, frame[ORIGIN_Y] + (r1 - 0.5) * cell
+        near = some[: _near(edges, around, x + wide / 4, y + wide / 4, half / 2, some, room)]
+        for r in range(r1, min(r1 + _HALF, n)):
+            for c in range(c1, min(c1 + _HALF, n)):
+                if out.shape[0] == n:
+                    _sample_middle(edges, bounds, frame, r, c, near, out)
+                else:
+                    _sample_cell(edges, bounds, frame, r, c, near, few, room, scratch, out)
 
 
 @njit(cache=True)
@@ -300,13 +346,17 @@ def _sample_cell(
         ys[i] = y + ((i // FINE + 0.5) / FINE - 0.5) * cell
     for i in range(count):
         _lower_squares(squares, xs, ys, edges[few[i]])
-    for i in range(FINE * FINE):
-        a, b = r * FINE + i // FINE, c * FINE + i % FINE
-        spare = min(xs[i] - bounds[0], bounds[2] - xs[i], ys[i] - bounds[1], bounds[3] - ys[i])
-        out[a, b] = min(math.sqrt(squares[i]) * out[a, b], spare) / cell
+    _take_roots(squares)
+    for a in range(FINE):
+        spare, first = min(ys[a * FINE] - bounds[1], bounds[3] - ys[a * FINE]), a * FINE
+        row = out[r * FINE + a, c * FINE : (c + 1) * FINE]
+        for b in range(FINE):
+            inside = min(spare, min(xs[b] - bounds[0], bounds[2] - xs[b]))
+            row[b] = min(squares[first + b] * row[b], inside) / cell
 
 
 @njit(cache=True)
+@vectorised
 def _lower_squares(squares: FloatArray, xs: FloatArray, ys: FloatArray, edge: FloatArray) -> None:
     """Lower (m,) squares of distances to those from points to an edge x0, y0, x1, y1; see `_edge_square`."""
     x0, y0 = edge[0], edge[1]
@@ -321,6 +371,13 @@ def _lower_squares(squares: FloatArray, xs: FloatArray, ys: FloatArray, edge: Fl
         px, py = px - t * dx, py - t * dy
         square = px * px + py * py
         squares[i] = square if square < squares[i] else squares[i]
+
+
+@njit(cache=True)
+@vectorised
+def _take_roots(squares: FloatArray) -> None:
+    for i in range(squares.size):
+        squares[i] = math.sqrt(squares[i])
 
 
 @njit(cache=True)
@@ -754,7 +811,7 @@ def _shut(closed: Links, r: int, c: int, k: int, side: int, turns: int) -> bool:
 
 
 @njit(cache=True)
-def blocked_on_way(q: FloatArray, field: Field, closed: Links, frame: FloatArray) -> int:
+def blocked_on_way(q: FloatArray, field: Field, seems: Field, closed: Links, frame: FloatArray) -> int:
     """Poses that seem blocked, and closed links, on the field's way from q (d,) to the goal.
 
     From the best corner around q that seems free, always on to the neighbour of least cost-to-go; through a
@@ -763,7 +820,8 @@ def blocked_on_way(q: FloatArray, field: Field, closed: Links, frame: FloatArray
 
     Args:
         q: Where the way begins.
-        field: (n, n, T) cost-to-go, negated where a pose seems blocked.
+        field: (n, n, T) cost-to-go.
+        seems: (n, n, T) above 0 where a pose seems free.
         closed: What `closed_links` gives; (0, 0, 0) where all are open.
         frame: Where the cells lie.
     """
@@ -772,24 +830,24 @@ def blocked_on_way(q: FloatArray, field: Field, closed: Links, frame: FloatArray
     r, c, t, best = j, i, k, np.inf
     for corner in range(8 if turns > 1 else 4):
         a, b, h = j + (corner & 1), i + (corner >> 1 & 1), (k + (corner >> 2)) % turns
-        if 0.0 <= field[a, b, h] < best:
+        if seems[a, b, h] > 0.0 and field[a, b, h] < best:
             r, c, t, best = a, b, h, field[a, b, h]
     blocked = 0
     while True:
-        here = abs(field[r, c, t])
+        here = field[r, c, t]
         best, chosen, shut = here, -1, True
         for side in range(6 if turns > 1 else 4):
             a, b, h = _beside(r, c, t, side, turns)
-            if 0 <= a < n and 0 <= b < n and abs(field[a, b, h]) < here:
+            if 0 <= a < n and 0 <= b < n and field[a, b, h] < here:
                 through = _shut(closed, r, c, t, side, turns)
-                if (shut and not through) or (shut == through and abs(field[a, b, h]) < best):
-                    best, chosen, shut = abs(field[a, b, h]), side, through
+                if (shut and not through) or (shut == through and field[a, b, h] < best):
+                    best, chosen, shut = field[a, b, h], side, through
         if chosen < 0:
             away = abs((frame[GOAL] - frame[ORIGIN_X]) / frame[CELL] - c)
             away = max(away, abs((frame[GOAL + 1] - frame[ORIGIN_Y]) / frame[CELL] - r))
             return blocked if away <= _AT_GOAL else blocked + 1
         r, c, t = _beside(r, c, t, chosen, turns)
-        blocked += 1 if field[r, c, t] < 0.0 or shut else 0
+        blocked += 1 if not seems[r, c, t] > 0.0 or shut else 0
 
 
 @njit(cache=True)

@@ -176,8 +176,12 @@ def _way(front: Front, r: int, c: int, k: int, cell: float, turns: int) -> float
     numbers = front.numbers
     if numbers[_HEED_AT] == 0.0:
         return 0.0
-    away = abs(k - numbers[_HEADING]) % turns
-    away = min(away, turns - away) * numbers[_TURN] if turns > 1 else 0.0
+    away = 0.0
+    if turns > 1:
+        away = abs(k - numbers[_HEADING])
+        while away >= turns:  # hardly ever more than once; a remainder of floats takes far longer
+            away -= turns
+        away = min(away, turns - away) * numbers[_TURN]
     up, along = (r - numbers[_ROW]) * cell, (c - numbers[_COLUMN]) * cell
     return numbers[_HEED_AT] * math.sqrt(up * up + along * along + away * away)
 
@@ -235,7 +239,8 @@ def run(front: Front, ground: Ground, left: int) -> None:
     """Take pose after pose until ``left`` aims are reached, or none waits any more."""
     known, least, slow, _, aims, doors, first, after, items, keys, dues, counts, numbers = front
     turns = ground.room.shape[2]
-    row = (ground.room.shape[0] + 2) * turns
+    side = ground.room.shape[0] + 2
+    row = side * turns
     base, jump, turn, cell = numbers[_BASE], numbers[_JUMP], numbers[_TURN], ground.frame[CELL]
     buckets = 1.0 / numbers[_WIDTH]
     ways = (cell, turn, (cell / turn) ** 2)
@@ -259,15 +264,17 @@ def run(front: Front, ground: Ground, left: int) -> None:
             continue
         known[v] = key
         left -= 1 if aims[v] else 0
-        r, c, k = v // row - 1, v % row // turns - 1, v % turns
-        for side in range(6 if turns > 1 else 4):
+        square = v // turns  # two divisions and no remainder: they take long
+        r = square // side - 1
+        c, k = square - (r + 1) * side - 1, v - square * turns
+        for way in range(6 if turns > 1 else 4):
             w, h, rr, cc = v, k, r, c
-            if side < 2:
-                cc, w = cc + 2 * side - 1, w + turns * (2 * side - 1)
-            elif side < 4:
-                rr, w = rr + 2 * side - 5, w + row * (2 * side - 5)
+            if way < 2:
+                cc, w = cc + 2 * way - 1, w + turns * (2 * way - 1)
+            elif way < 4:
+                rr, w = rr + 2 * way - 5, w + row * (2 * way - 5)
             else:
-                h = (k - 1 if k > 0 else turns - 1) if side == 4 else (k + 1 if k < turns - 1 else 0)
+                h = (k - 1 if k > 0 else turns - 1) if way == 4 else (k + 1 if k < turns - 1 else 0)
                 w += h - k
             if known[w] < np.inf:
                 continue

@@ -127,13 +127,12 @@ def square_frame(bounds: Sequence[float], side: float, cells: int) -> FloatArray
 
 def obstacle_edges(environment: Environment) -> FloatArray:
     """(e, 4) edges x0, y0, x1, y1 of the obstacles' union."""
-    union = environment.obstacle_union
-    polygons = getattr(union, "geoms", [union])
-    rings = [ring for p in polygons if not p.is_empty for ring in (p.exterior, *p.interiors)]
-    if not rings:
+    rings = shapely.get_rings(shapely.get_parts(environment.obstacle_union))
+    corners, ring = shapely.get_coordinates(rings, return_index=True)
+    if not rings.size:
         return np.zeros((0, 4))
-    parts = [shapely.get_coordinates(ring) for ring in rings]
-    return np.ascontiguousarray(np.concatenate([np.hstack([part[:-1], part[1:]]) for part in parts]))
+    edges: FloatArray = np.hstack([corners[:-1], corners[1:]])[ring[:-1] == ring[1:]]
+    return edges
 
 
 @dataclass(frozen=True, eq=False)
@@ -358,8 +357,7 @@ class Arrivals(NamedTuple):
         """Whether something seems blocked on the way from a configuration (d,)."""
         self.arrive(start[None])
         known = self.inner(self.front.known)
-        signed = np.where(self.seems > 0, known, -known)
-        return bool(fields.blocked_on_way(start, signed, self.grid.closed, self.frame))
+        return bool(fields.blocked_on_way(start, known, self.seems, self.grid.closed, self.frame))
 
 
 class WaveModel:

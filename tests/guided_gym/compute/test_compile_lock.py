@@ -118,6 +118,34 @@ def test_numba_s_setting_is_another_only_while_kernels_compile(lock, tmp_path, m
     assert config.LOOP_VECTORIZE == 7
 
 
+def test_numba_s_setting_holds_for_a_marked_kernel_only(lock, tmp_path, monkeypatch):
+    monkeypatch.setattr(config, "LOOP_VECTORIZE", 7)
+    lock.miss(str(tmp_path))
+    lock.miss(str(tmp_path), vectorise=True)
+    assert config.LOOP_VECTORIZE == 7
+    lock.miss(str(tmp_path))
+    assert config.LOOP_VECTORIZE == 0
+    lock.done()
+    assert config.LOOP_VECTORIZE == 7
+    lock.done()
+    assert config.LOOP_VECTORIZE == 0
+    lock.done()
+    assert config.LOOP_VECTORIZE == 7
+
+
+def test_a_marked_kernel_asks_for_it(monkeypatch, tmp_path):
+    asked = []
+    monkeypatch.setattr(
+        compile_lock.CompileLock, "miss", lambda self, folder, vectorise: asked.append(vectorise)
+    )
+    monkeypatch.setattr(compile_lock.CompileLock, "done", lambda self: None)
+    monkeypatch.setattr(config, "CACHE_DIR", str(tmp_path))
+    kernel = compile_lock.vectorised(lambda x: x + 1)
+    kernel.__module__ = "guided_gym.kernels.none"
+    njit(cache=True)(kernel)(1)
+    assert asked == [True]
+
+
 def test_garbage_is_not_looked_for_while_kernels_compile_and_as_before_after(lock, tmp_path):
     assert gc.isenabled()
     lock.miss(str(tmp_path))

@@ -170,3 +170,20 @@ def test_corners_that_are_not_finite_are_refused_without_a_warning(recwarn):
 def test_raster_needs_a_cell(room):
     with pytest.raises(InvalidInputError, match="raster: expected an integer, at least 1"):
         room.raster(0)
+
+
+def test_least_width__is_no_more_than_the_width_and_equal_where_obstacles_touch_nothing():
+    apart = [shapely.box(1, 1, 2, 3), shapely.box(5, 5, 6, 6)]
+    alone = Environment((0, 0, 10, 10), apart)
+    assert alone.least_width == pytest.approx(alone.width) == pytest.approx(2 * 97 / 50)
+    crossing = Environment((0, 0, 10, 10), [*apart, shapely.box(1.5, 2, 12, 4)])
+    assert 0 < crossing.least_width < crossing.width
+    full = Environment((0, 0, 10, 10), [shapely.box(-1, -1, 11, 11)])
+    assert full.least_width <= 0 < full.width
+
+
+def test_magnitudes__are_the_largest_coordinates_of_obstacles_and_bounds():
+    assert Environment((-3, 0, 10, 10)).magnitudes() == (10, 10)
+    assert Environment((0, 0, 10, 10), [shapely.box(-30, 4, 5, 5)]).magnitudes() == (30, 10)
+    far = Environment((1000, 2000, 1010, 2010), [shapely.box(995, 2001, 1001, 2013)])
+    assert far.magnitudes() == (13, 2010)

@@ -301,39 +301,53 @@ def test_look_up__is_periodic_in_the_heading() -> None:
     assert c == pytest.approx(d)
 
 
-def walled_field(gap: slice, turns: int = 1) -> np.ndarray:
-    """The way to the right end of a grid, blocked in column 15 but for a gap in it."""
+def walled_field(gap: slice, turns: int = 1) -> tuple[np.ndarray, np.ndarray]:
+    """The way to the right end of a grid, blocked in column 15 but for a gap in it; what seems free."""
     free = np.ones((N, N, turns), bool)
     free[:, 15] = False
     free[gap, 15] = True
     arrival = waved(np.where(free, 1.0, 300.0), frame_of(goal=(0.9, 0.5, 0.0)))
-    return np.where(free, arrival, -arrival)
+    return arrival, np.where(free, 1.0, -1.0).astype(np.float32)
 
 
 @pytest.mark.parametrize("turns", [1, 8])
 def test_blocked_on_way__counts_what_a_wall_blocks(turns: int) -> None:
     q, frame = np.array([0.1, 0.5, 1.0])[: 2 if turns == 1 else 3], frame_of(weight=0.1, goal=(0.9, 0.5, 0.0))
-    assert fields.blocked_on_way(q, walled_field(slice(0, 0), turns), OPEN, frame) == 1
-    assert fields.blocked_on_way(q, walled_field(slice(28, 31), turns), OPEN, frame) == 0
+    assert fields.blocked_on_way(q, *walled_field(slice(0, 0), turns), OPEN, frame) == 1
+    assert fields.blocked_on_way(q, *walled_field(slice(28, 31), turns), OPEN, frame) == 0
     behind = np.array([0.7, 0.5, 1.0])[: q.size]
-    assert fields.blocked_on_way(behind, walled_field(slice(0, 0), turns), OPEN, frame) == 0
+    assert fields.blocked_on_way(behind, *walled_field(slice(0, 0), turns), OPEN, frame) == 0
 
 
 def test_blocked_on_way__leaves_out_where_it_begins() -> None:
-    field = walled_field(slice(0, 0))
+    field, seems = walled_field(slice(0, 0))
     frame = frame_of(goal=(0.9, 0.5, 0.0))
     between = np.array([frame[0] + 14.5 * frame[2], 0.5])
-    assert fields.blocked_on_way(between, -np.abs(field), OPEN, frame) > 10  # all seems blocked
-    field[:, :14] *= -1  # blocked far to the left only
+    assert fields.blocked_on_way(between, field, -np.abs(seems), OPEN, frame) > 10  # all seems blocked
+    seems[:, :14] *= -1  # blocked far to the left only
     beside = np.array([frame[0] + 15.5 * frame[2], 0.5])  # among the wall and what is free behind it
-    assert fields.blocked_on_way(beside, field, OPEN, frame) == 0
+    assert fields.blocked_on_way(beside, field, seems, OPEN, frame) == 0
 
 
 def test_blocked_on_way__counts_a_way_that_the_wave_has_not_come() -> None:
     frame = frame_of(goal=(0.9, 0.5, 0.0))
-    field = np.full((N, N, 1), 9.0, np.float32)
-    assert fields.blocked_on_way(np.array([0.1, 0.5]), field, OPEN, frame) == 1
-    assert fields.blocked_on_way(np.array([0.9, 0.5]), field, OPEN, frame) == 0
+    field, seems = np.full((N, N, 1), 9.0, np.float32), np.ones((N, N, 1), np.float32)
+    assert fields.blocked_on_way(np.array([0.1, 0.5]), field, seems, OPEN, frame) == 1
+    assert fields.blocked_on_way(np.array([0.9, 0.5]), field, seems, OPEN, frame) == 0
+
+
+@pytest.mark.parametrize("turns", [1, 5, 8])
+def test_look__gives_a_body_the_least_room_of_its_discs__opposite_of_each_other_or_not(turns: int) -> None:
+    edges = square(0.2, 0.3, 0.45, 0.6)
+    body = np.array(
+        [[1.3, 0.4, 0.1], [-1.3, -0.4, 0.1], [0.2, -0.9, 0.3], [1.1, 0.6, 0.2], [-1.1, -0.6, 0.3]]
+    )
+    rooms = []
+    for discs in (body, *body[:, None]):  # one disc has none opposite
+        ground = ground_of(edges, discs, 2.0, turns)
+        fields.look_everywhere(ground)
+        rooms.append(ground.room)
+    assert rooms[0] == pytest.approx(np.min(rooms[1:], axis=0), abs=1e-6)
 
 
 def test_crowding__is_one_at_a_point_and_nothing_far_off() -> None:

@@ -16,7 +16,7 @@ from guided_gym.geometry.linkages import Linkage
 from guided_gym.geometry.robots import Robot
 from guided_gym.geometry.space import ConfigurationSpace
 from guided_gym.guidance.solvers.base import Query
-from guided_gym.guidance.solvers.wave import Arrivals, PoseGrid, Wave, WaveModel, body_discs
+from guided_gym.guidance.solvers.wave import Arrivals, PoseGrid, Wave, WaveModel, body_discs, obstacle_edges
 from guided_gym.kernels import fields
 from guided_gym.measure.oracle import oracle_for
 from guided_gym.problems import Problem, Task
@@ -346,3 +346,11 @@ def test_wave__pickles() -> None:
     solver.raise_near(q[0], 0.5, 10.0)
     twin.raise_near(q[0], 0.5, 10.0)
     assert np.array_equal(solver(q), twin(q))
+
+
+def test_obstacle_edges__are_those_of_rims_and_holes_and_join_no_two_rings() -> None:
+    assert obstacle_edges(Environment((0, 0, 1, 1))).shape == (0, 4)
+    frame = shapely.box(1, 1, 9, 9) - shapely.box(3, 3, 5, 5)
+    edges = obstacle_edges(Environment((0, 0, 20, 20), [frame, shapely.box(12, 12, 13, 14)]))
+    assert edges.shape == (12, 4)
+    assert np.hypot(*(edges[:, 2:] - edges[:, :2]).T).sum() == pytest.approx(4 * 8 + 4 * 2 + 6)
