@@ -254,10 +254,12 @@ def beside_grid(name, seed, vertices):
         options = OracleOptions(method="roadmap", resolution=None if count is None else (count,))
         oracle = Oracle(space, task.goal, start=task.start, options=options, cache=False)
         error = np.abs(oracle.cost_to_go(q[known]) / exact[known] - 1)
+        reached = np.isfinite(error)
         label = "chosen" if count is None else f"{count:,}"
-        row[label] = 100 * float(error.mean())
+        row[label] = 100 * float(error[reached].mean())
         row[f"{label}, estimated"] = 100 * oracle.error.mean
         row[f"{label}, vertices"] = oracle.resolution[0]
+        row[f"{label}, not reached"] = int((~reached).sum())
     return row
 
 

@@ -28,6 +28,8 @@ LARGEST_FILE: Final = 16 * 2**20  # bytes of a URDF file
 LARGEST_MESH: Final = 256 * 2**20  # bytes of a mesh
 _MOVING: Final = ("revolute", "continuous", "prismatic")
 _SIZES: Final = {"box": ("size",), "cylinder": ("radius", "length"), "sphere": ("radius",)}
+_SHAPES: Final = (*_SIZES, "mesh")
+_ONE_OF: Final = "a box, cylinder, sphere or mesh"
 _TRIED: Final = 400  # configurations in which bodies are looked at that touch
 
 
@@ -163,6 +165,7 @@ def _check_document(path: Path, content: bytes, *, urdf: bool = True) -> None:
     """
     parser = xml.parsers.expat.ParserCreate()
     seen: list[str] = []
+    shapes: list[str] = []  # of the geometry at hand
 
     def refuse(what: str) -> None:
         raise InvalidInputError(f"{path}, line {parser.CurrentLineNumber}: {what}")
@@ -178,13 +181,22 @@ def _check_document(path: Path, content: bytes, *, urdf: bool = True) -> None:
         if tag == "origin" and "quat_xyzw" in attributes:
             refuse("expected an origin with rpy, got a quaternion")
         if seen[-1:] == ["geometry"]:
+            if urdf and tag not in _SHAPES:
+                refuse(f"geometry: expected {_ONE_OF}, got <{tag}>")
+            shapes.append(tag)
             for size in _SIZES.get(tag, ()):
                 _check_size(f"{path}, line {parser.CurrentLineNumber}: {tag}: {size}", attributes.get(size))
         seen.append(tag)
+        if tag == "geometry":
+            shapes.clear()
+
+    def ends(_: str) -> None:
+        if seen.pop() == "geometry" and urdf and len(shapes) != 1:
+            refuse(f"geometry: expected {_ONE_OF}, got {' and '.join(shapes) or 'none'}")
 
     parser.StartDoctypeDeclHandler = doctype
     parser.StartElementHandler = begins
-    parser.EndElementHandler = lambda _: seen.pop()
+    parser.EndElementHandler = ends
     try:
         parser.Parse(content, True)
     except xml.parsers.expat.ExpatError as error:

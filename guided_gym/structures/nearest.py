@@ -53,7 +53,9 @@ def checked_metric(weights: ArrayLike, periods: ArrayLike) -> Metric:
     """
     w = np.ascontiguousarray(weights, dtype=np.float64)
     p = np.ascontiguousarray(periods, dtype=np.float64)
-    if w.ndim != 1 or w.shape != p.shape or not 1 <= w.shape[0] <= MAX_DIMENSION:
+    if w.ndim == 1 and w.shape[0] > MAX_DIMENSION:
+        raise InvalidInputError(f"expected a space of at most {MAX_DIMENSION} dimensions, got {w.shape[0]}")
+    if w.ndim != 1 or w.shape != p.shape or not w.shape[0]:
         raise InvalidInputError(
             f"expected weights and periods of one shape (d,) with 1 <= d <= {MAX_DIMENSION}, "
             f"got shapes {w.shape} and {p.shape}"

@@ -17,6 +17,7 @@ from guided_gym.errors import GuidedGymError, GuidedGymWarning, InvalidInputErro
 from guided_gym.geometry.solids import Box, Capsule, Cylinder, SpatialEnvironment
 from guided_gym.geometry.space import ConfigurationSpace
 from guided_gym.geometry.spatial_arms import SpatialArm
+from guided_gym.planning import guided_search
 from guided_gym.problems import Problem, Task
 
 needs_yourdfpy = pytest.mark.skipif(
@@ -24,6 +25,7 @@ needs_yourdfpy = pytest.mark.skipif(
 )
 
 ROOM = SpatialEnvironment((-2, -2, -2, 2, 2, 2))
+EMPTY = "<collision><geometry/></collision>"
 SPHERE = '<collision><geometry><sphere radius="0.05"/></geometry></collision>'
 
 
@@ -234,7 +236,9 @@ def with_mesh(name: str) -> tuple[str, ...]:
         ((link("x", CYLINDER.format("radius='nan' length='1'")),), {}, "got 'nan'"),
         ((link("x", SPHERE.replace("0.05", "0")),), {}, "sphere: radius"),
         ((link("x", SPHERE.replace("sphere radius", "box size")),), {}, "box: size: expected 3 positive"),
-        ((link("x", SPHERE.replace("sphere", "capsule")),), {}, "capsule"),
+        ((link("x", SPHERE.replace("sphere", "capsule")),), {}, "line 1: geometry: expected .*got <capsule>"),
+        ((link("x", ""), link("y", EMPTY)), {}, "line 1: geometry: expected a box, .*, got none"),
+        ((link("x", SPHERE.replace("</g", "<box size='1 1 1'/></g")),), {}, "got sphere and box"),
         (with_mesh("no.stl"), {}, "link 'y': mesh 'no.stl': expected a file"),
         (with_mesh("http://a/no.stl"), {}, "got http://"),
         (with_mesh("arm.urdf"), {}, "mesh 'arm.urdf'"),
@@ -399,3 +403,14 @@ def test_links_that_mostly_touch_are_left_out_with_a_word(tmp_path: Path) -> Non
     with pytest.warns(GuidedGymWarning, match="a and c, b and d|b and d"):
         arm = SpatialArm.from_urdf(path, self_collision=True)
     assert (0, 2) not in arm.pairs
+
+
+@needs_yourdfpy
+def test_seventeen_joints_are_refused_by_their_number(tmp_path: Path) -> None:
+    names = ["base", *(f"l{k}" for k in range(17))]
+    joints = [joint(f"j{k}", names[k], names[k + 1]) for k in range(17)]
+    arm = SpatialArm.from_urdf(written(tmp_path, *map(link, names), *joints))
+    room = SpatialEnvironment((-6, -6, -6, 6, 6, 6))
+    problem = Problem(arm, room, Task(np.zeros(17), np.full(17, 0.1)))
+    with pytest.raises(InvalidInputError, match="at most 16 dimensions, got 17"):
+        guided_search(problem, "prm", seed=0, max_samples=10, measure=False)
