@@ -45,6 +45,7 @@ from guided_gym.options import (
 from guided_gym.problems import Problem, Task
 from guided_gym.randomness import copied, spawn
 from guided_gym.search.search import Search
+from guided_gym.trajectories import path_length
 
 if TYPE_CHECKING:
     from guided_gym.envs.rendering import Renderer
@@ -526,7 +527,7 @@ class Areas:
 def path_cost(search: Search) -> float:
     """Length of the shortest path found; infinite while there is none."""
     path = search.path() if search.solved else None
-    return math.inf if path is None else float(search.space.distance(path[:-1], path[1:]).sum())
+    return math.inf if path is None else path_length(search.space, path)
 
 
 def checked_seed(seed: object) -> int | None:

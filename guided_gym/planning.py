@@ -26,6 +26,7 @@ from guided_gym.randomness import streams
 from guided_gym.search.search import NO_NODE, Expansion, Proposer, Search
 from guided_gym.search.tree import SearchTree
 from guided_gym.search.watch import WatchedPlanner
+from guided_gym.trajectories import path_length
 
 if TYPE_CHECKING:
     from guided_gym.traces.writing import TextSink, TraceWriter
@@ -120,7 +121,7 @@ class SearchResult:
         """Length of the path, in the space's distance; NaN if none was found."""
         if self.path is None:
             return math.nan
-        return float(self.tree.space.distance(self.path[:-1], self.path[1:]).sum())
+        return path_length(self.tree.space, self.path)
 
     def __repr__(self) -> str:
         found = f"a path of length {self.length:.4g}" if self.solved else "no path"

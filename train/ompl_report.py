@@ -31,6 +31,7 @@ from guided_gym.train.results import Results
 from guided_gym.train.specs import GuidanceSpec, code_fingerprint
 from guided_gym.train.statistics import bootstrap, significant, wilson
 from guided_gym.train.table import save, save_records, summarise
+from guided_gym.trajectories import path_length
 
 if TYPE_CHECKING:
     from guided_gym.problems import Problem
@@ -229,7 +230,7 @@ def unwatched(environment: str, planner: str, resolution: float, seed: int) -> U
     alone = watched.alone(problem, seed=seed, by_states=resolution >= BY_STATES)
     ratio = math.nan
     if alone.path is not None:
-        ratio = float(problem.space.distance(alone.path[:-1], alone.path[1:]).sum()) / (optimum or 1.0)
+        ratio = path_length(problem.space, alone.path) / (optimum or 1.0)
     return Unwatched(
         environment, planner, resolution, seed, alone.path is not None, alone.free, alone.processor,
         alone.looks, ratio, code_fingerprint(),

@@ -28,9 +28,9 @@ from guided_gym.guidance.learned.scored import ScoredGuidance
 from guided_gym.guidance.learned.scorer import ScorerColumn
 from guided_gym.measure.target import Measure
 from guided_gym.options import checked_samples
+from guided_gym.planning import proposer
 from guided_gym.randomness import seed_of, streams
 from guided_gym.search.search import Expansion, Search
-from guided_gym.search.tree import SearchTree
 from guided_gym.train import networks
 from guided_gym.train.checkpoints import RunFolder
 from guided_gym.train.lessons import mixed_problem
@@ -217,7 +217,7 @@ class StagedRun(ABC):
             search = Search(problem, expansion, choice)
             search.attach(guidance)
             seen = TreeLessons(guidance, search)
-            propose = partial(_uniform, search) if config.selection else None
+            propose = proposer(search, "uniform" if config.selection else None)
             search.run(guidance, config.max_samples, propose=propose, watcher=seen)
             kept.extend(seen.some(_STEPS_KEPT))
         return kept
@@ -317,7 +317,3 @@ def put_moments(optimizer: torch.optim.Optimizer, moments: Tensors) -> None:
 def late(losses: list[float]) -> float:
     """The mean of the last losses; 0 without any."""
     return float(np.mean(losses[-_LATE:])) if losses else 0.0
-
-
-def _uniform(search: Search, tree: SearchTree, node: int) -> NDArray[np.float64]:
-    return search.planner.uniform(tree.configurations[node])

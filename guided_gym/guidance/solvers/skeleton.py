@@ -32,6 +32,8 @@ _TRIES = 4  # times that a skeleton is drawn, by more and more samples where it 
 _FINER = 4  # times as many samples on the walls where it is broken
 _FEW = 1000  # walls of a part whose other walls have twice as many samples, too
 _MANY = 1_000_000  # vertices of a diagram so large that a finer one would take tens of seconds
+_ENDS = 16  # vertices of a loose piece, about, that may be tied
+_TIES = 64  # pairs of vertices, the nearest first, by which a loose piece may be tied to the rest
 _SIGHT = 0.5  # clearance halfway to a foot, of half the way there: where less, something stands between
 _TOUCHING = 1e-9  # extents by which corners are one
 _SAME = 1e-6  # spacings by which two samples are one
@@ -120,7 +122,7 @@ def _axis(environment: Environment) -> _Axis:
             and within(kept["pairs"], n)
         )
 
-    kept = prepared("skeleton 3", environment.fingerprint, lambda: _found(environment)._asdict(), sound)
+    kept = prepared("skeleton 4", environment.fingerprint, lambda: _found(environment)._asdict(), sound)
     return _Axis(*(kept[name] for name in _Axis._fields))
 
 
@@ -130,7 +132,8 @@ def _found(environment: Environment) -> _Axis:
     Vertices of the Voronoi diagram of samples of the boundary, joined where the Voronoi edge lies in the
     free space; dead ends that run into the boundary (into corners, and between samples) are pruned. Parts of
     the free space that have no skeleton in one piece with a loop around each hole (those that touch are one)
-    get more samples, unless the diagram has more than a million vertices.
+    get more samples, unless the diagram has more than a million vertices. Where that fails, loose pieces are
+    tied to what they see, and the drawing that is wrong least then is taken.
 
     Raises:
         InvalidInputError: The free workspace is too small for a skeleton.
@@ -141,15 +144,16 @@ def _found(environment: Environment) -> _Axis:
         raise InvalidInputError("the free workspace is too small for a medial axis: there is none")
     walls = _walls(parts, environment.extent / _SAMPLES_PER_DIAGONAL)
     loops = _loops(walls, environment.extent)
-    best, least = None, len(parts) + int(loops[1].sum()) + 1
+    drawings: list[tuple[_Axis, NDArray[np.bool_]]] = []
     diagram, denser = None, np.ones(len(walls.part), np.bool_)
     for _ in range(_TRIES):
         diagram = _diagram(environment, walls, denser, diagram)
         axis, beside, broken = _drawn(environment, walls, diagram)
         wrong, loose = _wrong(axis, parts, loops)
-        if wrong.sum() < least:
-            best, least = axis, wrong.sum()
-        if least == 0 or len(diagram.points) > _MANY:
+        if not wrong.any():
+            return axis
+        drawings.append((axis, loose))
+        if len(diagram.points) > _MANY:
             break
         broken[beside[loose]] = True
         some = wrong[walls.part] > 0
@@ -157,9 +161,34 @@ def _found(environment: Environment) -> _Axis:
         times = np.where(some, np.where(broken, _FINER, np.where(few, 2, 1)), 1)
         walls.pieces[:] *= times
         denser = times > 1
-    if best is None or len(best.pairs) == 0:
+    tied = [_tied(*drawing, environment) for drawing in drawings if len(drawing[0].pairs)]
+    if not tied:
         raise InvalidInputError("the free workspace is too small for a medial axis: no skeleton edge is left")
-    return best
+    return min(tied, key=lambda axis: int(_wrong(axis, parts, loops)[0].sum()))
+
+
+def _tied(axis: _Axis, loose: NDArray[np.bool_], environment: Environment) -> _Axis:
+    """A skeleton whose loose pieces are tied to the nearest of the rest that they see, which makes no loop.
+
+    They are crumbs of a few vertices between needles, or at their tips, that no finer drawing does away with:
+    there the walls' samples are too unlike.
+    """
+    of, ties = axis.components(), []
+    for vertex in np.flatnonzero(loose)[np.unique(of[loose], return_index=True)[1]]:
+        mine = of == of[vertex]
+        own, others = np.flatnonzero(mine), np.flatnonzero(~mine)
+        own = own[:: 1 + len(own) // _ENDS]
+        away = np.hypot(*(axis.points[own][:, None] - axis.points[others]).transpose(2, 0, 1)).ravel()
+        near = np.argpartition(away, min(_TIES, away.size - 1))[:_TIES]
+        row, column = np.divmod(near[np.argsort(away[near], kind="stable")], len(others))
+        pairs = np.stack([own[row], others[column]], axis=1)
+        ends = axis.points[pairs]
+        free = motions_free(ends[:, 0].copy(), ends[:, 1].copy(), environment.point_geometry)
+        if free.any():
+            ties.append(pairs[free.argmax()])
+            of[mine] = of[ties[-1][1]]
+    new = np.sort(np.reshape(ties, (-1, 2)), axis=1).astype(np.int64)
+    return axis._replace(pairs=np.unique(np.concatenate([axis.pairs, new]), axis=0))
 
 
 def _linked(links: Ints, n: int) -> Ints:

@@ -115,6 +115,24 @@ def test_skeleton__among_many_obstacles_has_a_part_for_each_part_and_a_loop_for_
     assert graph.number_of_edges() - graph.number_of_nodes() + components == holes > 100
 
 
+@pytest.mark.parametrize("seed", [2, 4, 6])
+def test_skeleton__among_needles_is_in_one_piece_by_free_ties(seed: int) -> None:
+    """Needles much thinner than the samples are apart leave crumbs, which finer drawings only multiply."""
+    rng = np.random.default_rng(seed)
+    centres, turns = rng.uniform(0, 12, (60, 1, 2)), rng.uniform(0, np.pi, 60)
+    along = rng.uniform(0.5, 2.5, 60)[:, None] * np.stack([np.cos(turns), np.sin(turns)], axis=1)
+    across = 10 ** rng.uniform(-3.5, -1.5, 60)[:, None] * np.stack([-np.sin(turns), np.cos(turns)], axis=1)
+    corners = np.stack([-along - across, along - across, along + across, across - along], axis=1)
+    environment = Environment.from_polygons((0.0, 0.0, 12.0, 12.0), centres + corners)
+    graph, parts = skeleton_graph(environment), shapely.get_parts(environment.free_space)
+    components = nx.number_connected_components(graph)
+    holes = int(shapely.get_num_interior_rings(parts).sum())
+    assert components == len(parts) > 1
+    assert graph.number_of_edges() - graph.number_of_nodes() + components == holes
+    points = np.array([graph.nodes[v]["pos"] for v in graph])
+    assert shapely.contains(environment.free_space, shapely.linestrings(points[np.array(graph.edges)])).all()
+
+
 def test_skeleton__holes_that_touch_have_one_loop_and_cost_no_further_drawing(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
