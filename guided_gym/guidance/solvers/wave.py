@@ -248,8 +248,11 @@ class PoseGrid:
             fields.look_around(self.ground, places)
             spare = fields.spare_room(goal, ends, self.ground, frame, _SURE_PARTS)
             chosen = spare >= 0.0 if (spare >= 0.0).any() else spare == spare.max()
-        away = [fields.goal_distance(x, y, theta, frame) for x, y, theta in poses[chosen].tolist()]
-        return places[chosen], np.array(away)
+        apart = frame[fields.GOAL : fields.GOAL + 3] - poses[chosen]
+        turns = apart[:, 2] / (2.0 * math.pi)
+        apart[:, 2] = frame[fields.WEIGHT] * 2.0 * math.pi * (turns - np.floor(turns + 0.5))
+        squares = apart * apart
+        return places[chosen], np.sqrt(squares[:, 0] + squares[:, 1] + squares[:, 2])
 
     def looks(self, frame: FloatArray) -> int:
         """How many motions have been checked for collision: those of links, and those to the goal."""
@@ -610,13 +613,8 @@ class Wave:
     def _reserve(self, count: int) -> None:
         """Have room for so many nodes."""
         if count > len(self._values):
-            self._values = np.resize(self._values, 2 * count)
-            places, shares, lengths = self._joined
-            self._joined = fields.Joined(
-                np.resize(places, (2 * count, 9)),
-                np.resize(shares, (2 * count, 8)),
-                np.resize(lengths, (2 * count, 10)),
-            )
+            self._values = _longer(self._values, 2 * count)
+            self._joined = fields.Joined(*(_longer(rows, 2 * count) for rows in self._joined))
 
     def _rows(self, first: int, last: int) -> fields.Joined:
         places, shares, lengths = self._joined
@@ -685,6 +683,13 @@ class Wave:
         self._slow, self._effort = self._now.front.slow, self._now.front.effort
         self._waiting, self._upheld = 0, 0
         self._runs += 1
+
+
+def _longer(rows: NDArray[Any], count: int) -> NDArray[Any]:
+    """An array of so many rows that begins with these."""
+    longer = np.zeros((count, *rows.shape[1:]), rows.dtype)
+    longer[: len(rows)] = rows
+    return longer
 
 
 def check_grid(cells: int, headings: int) -> None:
