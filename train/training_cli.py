@@ -151,6 +151,37 @@ def motions(
     _run("motions", partial(train_motions, settings), settings.environments, out, executor)
 
 
+_SELECTION_OPTIONS: OptionTable = {
+    "agent": (str, "Whose selection is sought: a shipped agent's name, or a folder."),
+    "seed": SEED,
+    "problems": (int, "Training problems."),
+    "validation": VALIDATION,
+    "generations": (int, "Generations of candidates."),
+    "population": (int, "Candidates in each generation."),
+    "searches": (int, "Searches of each candidate."),
+    "max_samples": (int, "Samples after which a search gives up."),
+}
+
+
+@train_app.command("selection")
+@takes({"out": out_of("selection"), **VALIDATION_WORK, **optional(_SELECTION_OPTIONS)})
+def selection(
+    env: Annotated[
+        str | None,
+        typer.Argument(help="Environments to search in. Default: RandomTrapCup,RandomMaze,RandomClutter."),
+    ] = None,
+    config: Config = None,
+    **given: Any,
+) -> None:
+    """Seek the numbers by which an agent selects nodes, by what its searches come to (CMA-ES)."""
+    need("torch", "cmaes")
+    from guided_gym.train.selection import SelectionConfig, train_selection
+
+    executor, out = executor_of(given), given.pop("out")
+    settings = settings_of(SelectionConfig, config, {"environments": env, **given})
+    _run("selection", partial(train_selection, settings), settings.environments, out, executor)
+
+
 def _run(
     method: str,
     train: Callable[..., dict[str, Any]],

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from functools import partial
-from typing import Any, Final
+from typing import Any, Final, NamedTuple
 
 import numpy as np
 
@@ -16,6 +16,24 @@ from guided_gym.train.lessons import mixed_problem
 
 _BATCH: Final = 4  # searches that go to a worker together, with the guidance
 _FIGURES: Final = ("solved", "samples", "total_efficiency", "best_possible")
+
+
+class Found(NamedTuple):
+    """What a search for a problem came to; SE in nats.
+
+    Attributes:
+        number: The problem's, among those of several distributions taken in turns.
+        solved: Whether it ended at the goal.
+        samples: How many it took.
+        total: The SE of its choices.
+        best: The least that choices over the same trees could have had.
+    """
+
+    number: int
+    solved: bool
+    samples: int
+    total: float
+    best: float
 
 
 def validated(
@@ -43,11 +61,32 @@ def validated(
     Raises:
         NoPathError: A problem without a path.
     """
-    batches = [range(i, min(i + _BATCH, count)) for i in range(0, count, _BATCH)]
-    work = partial(_searches, distributions, guidance, max_samples, expansion)
-    found = {row[0]: row[1:] for rows in run(work, batches) for row in rows}  # whoever is done first
-    columns = zip(*(found[i] for i in range(count)), strict=True)
+    found = searched(
+        distributions, guidance, wanted=range(count), max_samples=max_samples, run=run, expansion=expansion
+    )
+    columns = zip(*(row[1:] for row in found), strict=True)
     return {name: float(np.mean(column)) for name, column in zip(_FIGURES, columns, strict=True)}
+
+
+def searched(
+    distributions: list[ProblemDistribution],
+    guidance: GuidingSpace,
+    *,
+    wanted: Sequence[int],
+    max_samples: int,
+    split: str = "validation",
+    run: MapTasks = in_order,
+    expansion: str | None = None,
+) -> list[Found]:
+    """A search for each problem whose number is wanted, in that order; arguments as in `validated`.
+
+    Raises:
+        NoPathError: A problem without a path.
+    """
+    batches = [wanted[i : i + _BATCH] for i in range(0, len(wanted), _BATCH)]
+    work = partial(_searches, distributions, guidance, max_samples, expansion, split)
+    found = {row.number: row for rows in run(work, batches) for row in rows}  # whoever is done first
+    return [found[i] for i in wanted]
 
 
 def _searches(
@@ -55,15 +94,15 @@ def _searches(
     guidance: GuidingSpace,
     max_samples: int,
     expansion: str | None,
+    split: str,
     numbers: Sequence[int],
-) -> list[tuple[int, bool, int, float, float]]:
-    """The number of each problem, and the figures of the search for it."""
+) -> list[Found]:
     rows = []
     for i in numbers:
-        problem = mixed_problem(distributions, "validation", i)
+        problem = mixed_problem(distributions, split, i)
         result = guided_search(problem, guidance, seed=i, max_samples=max_samples, expansion=expansion)
         best = float(result.record.best.sum())
-        rows.append((i, result.solved, result.samples, result.total_efficiency, best))
+        rows.append(Found(i, result.solved, result.samples, result.total_efficiency, best))
     return rows
 
 

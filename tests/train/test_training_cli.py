@@ -14,6 +14,7 @@ from guided_gym.train.cli import EXIT_ERROR, app
 
 pytest.importorskip("torch")
 pytest.importorskip("sb3_contrib")
+pytest.importorskip("cmaes")
 
 import torch
 
@@ -22,7 +23,8 @@ from guided_gym.train.imitation import ImitationConfig
 from guided_gym.train.motions import MotionConfig
 from guided_gym.train.node_policy import PPOConfig
 from guided_gym.train.reinforcement_cli import _HYBRID, _SCORER
-from guided_gym.train.training_cli import _OPTIONS, LISTS, OptionTable
+from guided_gym.train.selection import SelectionConfig
+from guided_gym.train.training_cli import _OPTIONS, _SELECTION_OPTIONS, LISTS, OptionTable
 
 TRAININGS = ("imitation", "hybrid", "ppo")
 
@@ -75,7 +77,12 @@ def test_a_cuda_device_that_is_not_there_is_refused(
 
 @pytest.mark.parametrize(
     ("table", "kind"),
-    [(_OPTIONS, ImitationConfig), (_HYBRID, HybridConfig), (_SCORER, PPOConfig)],
+    [
+        (_OPTIONS, ImitationConfig),
+        (_SELECTION_OPTIONS, SelectionConfig),
+        (_HYBRID, HybridConfig),
+        (_SCORER, PPOConfig),
+    ],
 )
 def test_options_are_those_of_the_configuration(table: OptionTable, kind: type) -> None:
     fields = {field.name: type(field.default) for field in dataclasses.fields(kind)}

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import hashlib
 import importlib
+import json
 import sys
 from collections.abc import Callable, Sequence
 from functools import lru_cache, partialmethod
@@ -43,6 +44,10 @@ _OF_MOTIONS: Final = tuple(  # what runs an agent that believes in motions
         "kernels.belief",
     )
 )
+
+
+SELECTION: Final = ("scored", "detour", "expansion_penalty")
+"""Options of which a card may say what they are unless others are given."""
 
 
 class LearnedAgent:
@@ -86,6 +91,7 @@ class LearnedGuidance(ScoredGuidance):
         temperature: 0 selects the largest logit; 1 draws from the softmax that was trained.
         failure_penalty: Nats that each failed expansion of a node takes from its logit; each child after the
             first takes more, so that nothing is tried in vain forever.
+        expansion_penalty: What each expansion of a node adds to its h (natural lengths), without the scorer.
         candidates: Members of N_C(v) that a proposal looks at; None for as many as the search's options say.
 
     Raises:
@@ -104,11 +110,16 @@ class LearnedGuidance(ScoredGuidance):
         detour: float = 0.5,
         temperature: float = 0.0,
         failure_penalty: float = 0.05,
+        expansion_penalty: float = 0.1,
         candidates: int | None = None,
     ) -> None:
         self.agent = agent if isinstance(agent, LearnedAgent) else load_named(str(agent))
         super().__init__(
-            Wave.of(self.agent.field), detour=detour, temperature=temperature, candidates=candidates
+            Wave.of(self.agent.field),
+            detour=detour,
+            temperature=temperature,
+            expansion_penalty=expansion_penalty,
+            candidates=candidates,
         )
         self.scorer, self.scored = self.agent.scorer, flag("scored", scored)
         self.failure_penalty = number("failure_penalty", failure_penalty, least=0)
@@ -150,8 +161,9 @@ def guidance_class(
         return rules.hybrid_class(name, agent_folder(name), make_guides)
     if kind == motion_agent.MOTION_KIND:
         return motion_class(name)
-    load_named(name)
-    body = {"name": f"learned:{name}", "__init__": partialmethod(LearnedGuidance.__init__, name)}
+    selection = weights.selection_of(load_named(name).card, SELECTION)
+    init = partialmethod(LearnedGuidance.__init__, name, **selection)
+    body = {"name": f"learned:{name}", "__init__": init}
     return type("LearnedGuidance", (LearnedGuidance,), {**body, "__doc__": LearnedGuidance.__doc__})
 
 
@@ -173,7 +185,8 @@ def fingerprint(name: str) -> str:
         card = load_motion_card(folder)
     else:
         card = weights.load_card(folder)
-    digest = hashlib.sha256(card["weights_sha256"].encode())
+    selection = json.dumps(card["selection"], sort_keys=True) if "selection" in card else ""
+    digest = hashlib.sha256((card["weights_sha256"] + selection).encode())
     for module in modules:
         source = Path(str(module.__file__))
         digest.update(source.read_bytes() if source.is_file() else b"")

@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from guided_gym.checks import flag, integer, number
 from guided_gym.errors import InvalidInputError
 from guided_gym.guidance.composed import AVOID, Composed, Lesson
+from guided_gym.guidance.learned import weights
 from guided_gym.guidance.learned.motion_agent import MotionAgent, load_motion_agent
 from guided_gym.guidance.learned.scored import ScoredGuidance
 from guided_gym.guidance.modifications import UNCHANGED, Inner, Predicted
@@ -25,6 +26,8 @@ if TYPE_CHECKING:
 
 LESSON: Final = Lesson(reach=0.2, factor=math.inf, check=0.0)
 """A failure refutes what passes near it; nothing is checked for collision."""
+SELECTION: Final = ("scored", "detour", "expansion_penalty", "effort")
+"""Options of which a card may say what they are unless others are given."""
 SIGHTS: Final = ("belief", "estimate", "both")
 TEACHES_NOTHING: Final = Lesson(factor=1.0)
 _NEAR: Final = 0.5  # steps around a contact that count as known to be bad
@@ -42,6 +45,7 @@ class MotionGuidance(ScoredGuidance):
         detour: How much a node's suboptimality counts in h, where the scorer does not select.
         temperature: 0 selects the largest logit, or least h; 1 draws from the softmax that was trained.
         failure_penalty: Nats that each failed expansion of a node takes from its logit.
+        expansion_penalty: What each expansion of a node adds to its h (natural lengths), without the scorer.
         vertices: Of the roadmap, which is drawn once for each robot.
         neighbours: Edges from each vertex to its nearest neighbours.
         anchors: Vertices that a configuration is joined to.
@@ -67,6 +71,7 @@ class MotionGuidance(ScoredGuidance):
         detour: float = 0.0,
         temperature: float = 0.0,
         failure_penalty: float = 0.05,
+        expansion_penalty: float = 0.1,
         vertices: int = 8000,
         neighbours: int = 12,
         anchors: int = 12,
@@ -88,6 +93,7 @@ class MotionGuidance(ScoredGuidance):
             fallback=estimate,
             detour=detour,
             temperature=temperature,
+            expansion_penalty=expansion_penalty,
             candidates=candidates,
         )
         self.scorer = self.agent.scorer
@@ -142,6 +148,7 @@ class MotionGuidance(ScoredGuidance):
 
 def motion_class(name: str) -> type[MotionGuidance]:
     """The guiding space of one agent, as a class: what ``"learned:NAME"`` stands for."""
-    load_motion_agent(name)
-    body = {"name": f"learned:{name}", "__init__": partialmethod(MotionGuidance.__init__, name)}
+    selection = weights.selection_of(load_motion_agent(name).card, SELECTION)
+    init = partialmethod(MotionGuidance.__init__, name, **selection)
+    body = {"name": f"learned:{name}", "__init__": init}
     return type("MotionGuidance", (MotionGuidance,), {**body, "__doc__": MotionGuidance.__doc__})

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import hashlib
 import json
-from collections.abc import Mapping, Sequence
+import math
+from collections.abc import Collection, Mapping, Sequence
 from pathlib import Path
 from typing import Any, Final, TypeVar
 
@@ -141,6 +142,26 @@ def load_agent(
             f"got others (sha256 {found})"
         )
     return card, tensors
+
+
+def selection_of(card: Mapping[str, Any], names: Collection[str]) -> dict[str, Any]:
+    """How an agent selects, as its card says: options of its guidance that were sought for it.
+
+    Args:
+        card: The card.
+        names: The options that there are.
+
+    Raises:
+        StorageError: The entry holds something else.
+    """
+    entry = card.get("selection", {})
+    if not isinstance(entry, dict) or not set(entry) <= set(names):
+        raise StorageError(f"card: expected a selection of {', '.join(sorted(names))}, got {shown(entry)}")
+    for name, value in entry.items():
+        numeric = isinstance(value, int | float) and math.isfinite(value) and value >= 0
+        if not (isinstance(value, bool) if name == "scored" else numeric and not isinstance(value, bool)):
+            raise StorageError(f"card: expected a number >= 0 as the selection's {name}, got {shown(value)}")
+    return dict(entry)
 
 
 def part_of(tensors: Tensors, part: str, mark: str = ".") -> Tensors:
