@@ -43,8 +43,12 @@ from guided_gym.train.ompl_report import BY_STATES, unprepared
 
 GOAL_BIAS = 0.05
 DRAWN_ALL = ("RandomSimplePassage", "RandomTrapCup", "RandomMaze", "RandomPointMaze", "RandomClutter")
-OURS = ("medial_axis", "wave(robot=disc)", "wave(robot=point)", "roadmap(robot=disc)", "lazy_prm", "hybrid")
-THEIRS = (("RRTConnect", 0.0005), ("RRTConnect", 0.002), ("RRTConnect", 0.0), ("BITstar", 0.0005))
+OURS = ("medial_axis", "wavefront", "wave(robot=disc)", "wave(robot=point)", "roadmap(robot=disc)")
+OURS += ("lazy_prm", "hybrid")
+THEIRS = (
+    *(("RRTConnect", resolution) for resolution in (0.0001, 0.0002, 0.0005, 0.002, 0.0)),
+    ("BITstar", 0.0005),
+)
 MISSED = 0.05  # the chance that the test calls equals different
 
 
