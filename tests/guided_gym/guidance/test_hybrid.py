@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+import re
 from collections.abc import Callable, Sequence
 
 import numpy as np
@@ -132,6 +134,25 @@ def test_rule__is_an_option(walled: Walled) -> None:
     hybrid = Hybrid([a, b], rule=InTurn())
     guided_search(walled("rectangle"), hybrid, seed=0, max_samples=31, measure=False)
     assert (a.asked, b.asked) == (15, 16)
+
+
+@pytest.mark.parametrize(
+    "weights", [[-1, 2], [math.nan, 1], [math.inf, 1], [0, 0], [1], [1, 2, 3], [[1, 0]], "ab", None]
+)
+def test_rule__whose_weights_are_none_is_named_with_them(walled: Walled, weights: object) -> None:
+    class Wrong:
+        def begin(self, guides: Sequence[GuidingSpace], search: Search) -> None:
+            pass
+
+        def weights(self) -> object:
+            return weights
+
+        def learn(self, guide: int, expansion: Expansion) -> None:
+            pass
+
+    hybrid = Hybrid([Listening(), Listening()], rule=Wrong())
+    with pytest.raises(InvalidInputError, match=f"rule Wrong: expected .*, got {re.escape(repr(weights))}"):
+        guided_search(walled("rectangle"), hybrid, seed=0, max_samples=1, measure=False)
 
 
 def test_states__carry_the_guide_they_belong_to(walled: Walled) -> None:
