@@ -13,7 +13,7 @@ from guided_gym.checks import integer
 from guided_gym.doors import doors
 from guided_gym.errors import NoPathError
 from guided_gym.geometry.robots import Robot
-from guided_gym.measure.oracle import oracle_for
+from guided_gym.measure.oracle import check_path, oracle_for
 from guided_gym.options import OracleOptions
 from guided_gym.problems import Problem, Task
 from guided_gym.randomness import streams
@@ -64,7 +64,7 @@ class ProblemDistribution(ABC):
             if problem.begins_solved:
                 continue
             try:
-                oracle_for(problem.space, problem.task.goal, problem.task.start, _path_check(problem))
+                _check_path(problem)
             except NoPathError as error:
                 cause = error
                 continue
@@ -83,9 +83,17 @@ class ProblemDistribution(ABC):
         return self.draw(streams(integer("seed", seed, least=0))[0], tolerance, by_edge)
 
 
-def _path_check(problem: Problem) -> OracleOptions | None:
-    """By which oracle a problem is drawn: the one that measures it, if that is quick to have."""
-    return None if isinstance(problem.robot, Robot) else OracleOptions(resolution=(ROADMAP,))
+def _check_path(problem: Problem) -> None:
+    """Refuse a problem without a path; what is asked of the oracle that measures it changes nothing.
+
+    Raises:
+        NoPathError: There is none, as far as the first grid or a roadmap can tell.
+    """
+    space, task = problem.space, problem.task
+    if isinstance(problem.robot, Robot):
+        check_path(space, task.goal, task.start)
+    else:
+        oracle_for(space, task.goal, task.start, OracleOptions(resolution=(ROADMAP,)))
 
 
 @doors

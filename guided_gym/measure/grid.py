@@ -7,6 +7,7 @@ import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import cached_property, lru_cache, partial
+from typing import Final
 
 import numpy as np
 import numpy.typing as npt
@@ -16,7 +17,7 @@ from guided_gym.errors import InvalidInputError, NoPathError, StorageError
 from guided_gym.geometry.space import ConfigurationSpace
 from guided_gym.kernels import cost_grid as grid
 from guided_gym.kernels.cost_query import OracleState, cost_to_go_many, cost_to_go_one
-from guided_gym.kernels.eikonal import PAD, flood, improve, march
+from guided_gym.kernels.eikonal import PAD, FieldArray, LinkArray, flood, improve, march
 from guided_gym.measure.certified import divided, lengths_left, shortest_down
 from guided_gym.measure.oracle_store import FieldStore
 from guided_gym.measure.passages import Roadmap, passages
@@ -56,6 +57,9 @@ _LOOK_AHEAD = 6
 _GAIN = 0.005
 """Part of its cost-to-go by which a passage must bring a vertex nearer for another wave."""
 
+_checked_grid: Final[dict[str, tuple[FieldArray, LinkArray]]] = {}
+"""Field and links of the grid by which a path was last looked for, by its key: one or none."""
+
 
 class GridSolution:
     """Distances to one goal on a grid fine enough for the problem; see `Solution`.
@@ -85,18 +89,44 @@ class GridSolution:
         options: OracleOptions,
         cache: bool,
     ) -> None:
+        estimated = options.resolution is None
+        self._begin(space, goal, start, options, cache, estimated)
+        if estimated:
+            self._refine()
+        if start is not None:
+            self._tighten(start)
+
+    def _begin(
+        self,
+        space: ConfigurationSpace,
+        goal: FloatArray,
+        start: FloatArray | None,
+        options: OracleOptions,
+        cache: bool,
+        estimated: bool,
+    ) -> None:
+        """Solve the first grid, and finer ones until the start is connected."""
         self.space, self.goal, self.options, self._cache = space, goal, options, cache
         fixed = options.resolution
         self._first = _first_resolution(space, options.budget) if fixed is None else _checked(space, fixed)
         self._refinement, self._depth = 1, 0
         self._error: OracleError | None = None
-        self._solve(estimated=fixed is None)
+        self._solve(estimated)
         if start is not None:
-            self._reach(start, estimated=fixed is None)
-        if fixed is None:
-            self._refine()
-        if start is not None:
-            self._tighten(start)
+            self._reach(start, estimated)
+
+    @classmethod
+    def check_path(
+        cls, space: ConfigurationSpace, goal: FloatArray, start: FloatArray, options: OracleOptions
+    ) -> None:
+        """Raise the `NoPathError` that a solution with these options would raise; nothing is refined for it.
+
+        The grid that tells is kept for the next solution, which mostly begins with it.
+        """
+        _checked_grid.clear()
+        own = cls.__new__(cls)
+        own._begin(space, goal, start, options, cache=True, estimated=False)
+        _checked_grid[own._key()] = own.state[:2]
 
     def __repr__(self) -> str:
         return f"a grid of {' x '.join(map(str, self.resolution))} poses"
@@ -198,6 +228,8 @@ class GridSolution:
         store = FieldStore.default() if self._cache else FieldStore(None)
         key, size = self._key(), (nx + 2 * PAD) * (ny + 2 * PAD) * nt
         stored = store.load(key, size)
+        if stored is None and (checked := _checked_grid.pop(key, None)) is not None:
+            stored = (*checked, (math.nan, math.nan))
         self.__dict__.pop("_finer", None)
         if stored is not None:
             self.state: OracleState = (*stored[:2], frame, self.space.geometry)

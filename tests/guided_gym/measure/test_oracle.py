@@ -8,15 +8,18 @@ import shapely
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from guided_gym.catalogue.table import make_distribution
 from guided_gym.errors import InvalidInputError, NoPathError
 from guided_gym.geometry.environment import Environment
 from guided_gym.geometry.robots import Robot
 from guided_gym.geometry.space import ConfigurationSpace
+from guided_gym.kernels import cost_grid
 from guided_gym.kernels.cost_query import cost_to_go_one
 from guided_gym.measure import grid
 from guided_gym.measure import oracle as oracle_module
-from guided_gym.measure.oracle import Oracle, oracle_for
-from guided_gym.options import OracleOptions
+from guided_gym.measure.oracle import Oracle, check_path, oracle_for
+from guided_gym.options import OracleOptions, SearchOptions
+from guided_gym.planning import guided_search
 
 BOUNDS = (0.0, 0.0, 10.0, 10.0)
 pytestmark = pytest.mark.usefixtures("own_cache")
@@ -318,3 +321,59 @@ def test_fine_oracles_are_forgotten_sooner_but_the_latest_stays(monkeypatch):
     fourth = asked(2.0, 40)  # 1,600 alone
     assert list(oracle_module._remembered.values()) == [fourth]
     assert asked(2.0, 40) is fourth
+
+
+def grids_solved(monkeypatch):
+    """The resolution of each grid that is solved from now on."""
+    solved = []
+
+    def noted(space, frame):
+        counts = frame[cost_grid.COUNT_X : cost_grid.COUNT_X + space.dimension]
+        solved.append(tuple(counts.astype(int).tolist()))
+        return original(space, frame)
+
+    original = grid._solved
+    monkeypatch.setattr(grid, "_solved", noted)
+    return solved
+
+
+@pytest.mark.parametrize("cached", [True, False])
+def test_a_path_is_checked_by_the_first_grid_with_which_the_oracle_then_begins(monkeypatch, cached):
+    if not cached:
+        monkeypatch.setenv("GUIDED_GYM_CACHE", "off")
+    space = point_space(*clutter(30 + cached))
+    start, goal = free_poses(space, 20)[:2]
+    alone = Oracle(space, goal, start=start, cache=False)
+    solved = grids_solved(monkeypatch)
+    check_path(space, goal, start)
+    assert len(solved) == 1
+    check_path(space, goal, start)
+    assert len(solved) == 1  # remembered
+    after = oracle_for(space, goal, start)
+    assert solved.count(solved[0]) == 1 and len(solved) >= 2  # one of half the resolution tells the error
+    q = free_poses(space, 300)
+    np.testing.assert_array_equal(after.cost_to_go(q), alone.cost_to_go(q))
+    assert after.error == alone.error
+
+
+def test_a_task_without_a_path_is_refused_in_the_same_words():
+    space = point_space(shapely.box(4.5, -1, 5.5, 11))
+    for _ in range(2):  # nor is it remembered to have one
+        with pytest.raises(NoPathError) as error:
+            check_path(space, (9.0, 5.0), (1.0, 5.0))
+    with pytest.raises(NoPathError) as other:
+        oracle_for(space, (9.0, 5.0), (1.0, 5.0))
+    assert str(error.value) == str(other.value)
+    with pytest.raises(InvalidInputError, match="start"):
+        check_path(space, (9.0, 5.0), (5.0, 5.0))
+
+
+def test_a_drawn_problem_takes_no_finer_grid_than_is_asked_for(monkeypatch):
+    monkeypatch.setenv("GUIDED_GYM_CACHE", "off")
+    distribution = make_distribution("RandomMaze")
+    loose = SearchOptions(oracle=OracleOptions(mean=0.5, tail=0.5))
+    solved = grids_solved(monkeypatch)
+    problem = distribution.problem(2)
+    drawn = len(solved)
+    guided_search(problem, "uninformed", max_samples=1, options=loose)
+    assert drawn == 1 and len(solved) == 2 and max(solved) == solved[0]
