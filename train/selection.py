@@ -8,7 +8,7 @@ what a good choice is. Numbers are kept only if they search better on validation
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import asdict, dataclass
 from functools import partial
 from pathlib import Path
@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 
 from guided_gym.catalogue.table import make_distribution
 from guided_gym.checks import count, integer
-from guided_gym.compute.workers import Workers, worker_pool
+from guided_gym.compute.workers import MapTasks, Workers, in_order, worker_pool
 from guided_gym.errors import InvalidInputError
 from guided_gym.guidance.base import GuidingSpace
 from guided_gym.guidance.learned import weights
@@ -42,7 +42,7 @@ _BEGIN: Final = {
 _SPREAD: Final = 0.7  # of the first generation's logarithms
 _MOST: Final = 1_000_000  # bytes of a search's result, about
 
-Progress = Any
+Progress = Callable[[int, int, str], None]
 
 
 @dataclass(frozen=True)
@@ -114,6 +114,7 @@ class _Run:
 
     def __init__(self, config: SelectionConfig, out: Path, progress: Progress | None) -> None:
         self.config, self.progress = config, progress or (lambda done, total, what: None)
+        self.search: MapTasks = in_order
         self.distributions = [make_distribution(name) for name in config.environments]
         source = agent_folder(config.agent)
         self.kind = weights.card_kind(source)
