@@ -145,6 +145,27 @@ def test_environment__refuses_a_set_of_other_problems(built, tmp_path):
         GuidedSearchEnv(NAME, problems=rewritten(built, tmp_path / "robot", another_robot))
 
 
+def test_environment__refuses_a_set_that_is_truncated_damaged_or_of_another_version(built, tmp_path):
+    content = built.read_bytes()
+    version = bytearray(content)
+    version[24] += 1  # right behind the file's first words
+    for number, (part, message) in enumerate(
+        (
+            (content[:-1], "expected a finished problem set, got one that was stopped, or truncated"),
+            (content[:17_000], "expected a finished problem set"),
+            (content[:10_000], "header of this problem set is damaged"),
+            (content[:3], "got a file of another kind"),
+            (bytes(version), "from another version of guided-gym"),
+        )
+    ):
+        path = tmp_path / f"set-{number}"
+        path.write_bytes(part)
+        with pytest.raises(StorageError, match=message):
+            gymnasium.make(f"guided_gym/{NAME}-v0", problems=path)
+        with pytest.raises(StorageError, match=message):
+            gymnasium.make_vec(f"guided_gym/{NAME}-v0", num_envs=2, problems=path)
+
+
 def test_problem_set__refuses_an_oracle_that_does_not_fit(built, tmp_path):
     def swapped(header, records):
         (one, a), (two, _) = records[:2]
