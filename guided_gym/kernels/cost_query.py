@@ -35,7 +35,7 @@ from guided_gym.kernels.cost_grid import (
 )
 from guided_gym.kernels.eikonal import LINK_THETA, LINK_X, LINK_Y, PAD, FieldArray, LinkArray
 from guided_gym.kernels.metric import Metric, placed, separation
-from guided_gym.kernels.plain import NO, ONE, YES
+from guided_gym.kernels.plain import NO, ONE, YES, copy_row, where_least
 
 FloatArray = npt.NDArray[np.float64]
 OracleState = tuple[FieldArray, LinkArray, FloatArray, Geometry]
@@ -122,11 +122,11 @@ def descend(
         metric: Weights and periods of the distance.
     """
     path = np.empty((most + 2, begin.size))
-    path[0] = begin
+    copy_row(begin, path[0])
     cost = cost_to_go_one(begin, state)
     for n in range(1, most + 2):
         if motion_free(path[n - 1], goal, state[3]):
-            path[n] = goal
+            copy_row(goal, path[n])
             return path[: n + 1], True
         for reach in reaches:
             poses = _around(path[n - 1], reach, directions, metric)
@@ -164,17 +164,17 @@ def step_down(
         out: (d,) written.
     """
     m = poses.shape[0]
-    left, through = np.empty(m), np.full(m, np.inf)
+    left, through = np.empty(m), np.empty(m)
     for i in range(m):
-        left[i] = cost_to_go_one(poses[i], state)
+        left[i], through[i] = cost_to_go_one(poses[i], state), np.inf
         if left[i] < cost:
             through[i] = left[i] + separation(here, poses[i], metric)
     for _ in range(m):
-        i = int(np.argmin(through))
+        i = where_least(through)
         if through[i] == np.inf:
             break
         if motion_free(here, poses[i], state[3]):
-            out[:] = poses[i]
+            copy_row(poses[i], out)
             return left[i]
         through[i] = np.inf
     return np.inf
@@ -224,10 +224,7 @@ def _beside_obstacles(
         for ring in range(_WIDEST + 1):
             targets, costs = _targets(field, frame, x, y, theta, ring)
             while True:
-                n = 0
-                for other in range(costs.size):
-                    if costs[other] < costs[n]:
-                        n = other
+                n = where_least(costs)
                 if costs[n] == np.inf:
                     break
                 t = targets[n]

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from guided_gym.kernels.collision import Geometry, motion_fraction, motion_free
 from guided_gym.kernels.metric import Metric, interpolate, separation, steer
 from guided_gym.kernels.nearest import State, insert, nearest
+from guided_gym.kernels.plain import copy_row
 
 Floats = NDArray[np.float64]
 Int32s = NDArray[np.int32]
@@ -78,7 +79,7 @@ def attempt(
 @njit(cache=True)
 def add_child(nodes: Nodes, n: int, parent: int, q: Floats, length: float) -> None:
     """Enter q (d,) as the n-th node, at the end of an edge of that length."""
-    nodes.configurations[n] = q
+    copy_row(q, nodes.configurations[n])
     nodes.parents[n] = parent
     nodes.costs[n] = nodes.costs[parent] + length
     nodes.depths[n] = nodes.depths[parent] + 1
@@ -89,8 +90,8 @@ def add_child(nodes: Nodes, n: int, parent: int, q: Floats, length: float) -> No
 def add_failure(nodes: Nodes, failures: Failures, f: int, node: int, target: Floats, contact: Floats) -> None:
     """Enter the f-th failure: from a node towards a target (d,), free up to a contact (d,)."""
     failures.nodes[f] = node
-    failures.targets[f] = target
-    failures.contacts[f] = contact
+    copy_row(target, failures.targets[f])
+    copy_row(contact, failures.contacts[f])
     nodes.failures[node] += 1
 
 

@@ -16,6 +16,7 @@ from guided_gym.kernels.cost_query import OracleState, cost_to_go_one
 from guided_gym.kernels.extend import FAILED, REACHED_TOLERANCE, attempt
 from guided_gym.kernels.metric import Metric, ball_samples
 from guided_gym.kernels.observe import UNIT, observe_configuration, observe_place
+from guided_gym.kernels.plain import copy_row
 from guided_gym.kernels.softmin import choice_efficiency, energy_of
 
 Floats = NDArray[np.float64]
@@ -172,13 +173,13 @@ def _expand(i: int, node: int, trees: Trees, episodes: Episodes, shared: Paramet
     if outcome == FAILED:
         f = counts[FAILURES]
         trees.failed_nodes[i, f] = node
-        trees.failed_targets[i, f] = target
-        trees.contacts[i, f] = contact
+        copy_row(target, trees.failed_targets[i, f])
+        copy_row(contact, trees.contacts[i, f])
         trees.failures[i, node] += 1
         counts[FAILURES] = f + 1
     else:
         n = counts[SIZE]
-        trees.configurations[i, n] = target
+        copy_row(target, trees.configurations[i, n])
         trees.parents[i, n] = node
         trees.costs[i, n] = trees.costs[i, node] + length
         trees.depths[i, n] = trees.depths[i, node] + 1

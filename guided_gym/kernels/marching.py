@@ -90,7 +90,10 @@ def bordered(values: npt.NDArray[Any], border: Any) -> npt.NDArray[Any]:
     """(n, n, T) as (n + 2, n + 2, T)."""
     n, turns = values.shape[0], values.shape[2]
     out = np.full((n + 2, n + 2, turns), border)
-    out[1:-1, 1:-1] = values
+    for r in range(n):
+        for c in range(n):
+            for t in range(turns):
+                out[r + 1, c + 1, t] = values[r, c, t]
     return out
 
 

@@ -7,6 +7,8 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
+from guided_gym.kernels.plain import copy_row
+
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
 Int32s = NDArray[np.int32]
@@ -37,7 +39,8 @@ def _grown(points: Floats, count: int) -> Floats:
     if count < points.shape[0]:
         return points
     larger = np.empty((2 * points.shape[0], points.shape[1]))
-    larger[:count] = points[:count]
+    for i in range(count):
+        copy_row(points[i], larger[i])
     return larger
 
 
@@ -158,7 +161,7 @@ def without_dead_ends(clearance: Floats, pairs: Ints, falls: Floats, reach: Floa
     """
     n = clearance.size
     first, edges = _edges_at(n, pairs)
-    degree = np.diff(first)
+    degree = first[1:] - first[:-1]
     kept, alive = np.ones(pairs.shape[0], np.bool_), np.ones(n, np.bool_)
     leaves, open_ = np.empty(2 * n + 1, np.int64), 0
     for v in range(n):

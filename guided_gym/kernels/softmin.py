@@ -54,7 +54,8 @@ def choice_efficiencies(
         for i in range(n, sizes[k]):
             total += np.exp(lowest - energy[i])
         n = sizes[k]
-        out[k] = _efficiency(energy[nodes[k]], n, lowest, highest, total, epsilon)
+        chosen = energy[nodes[k]]
+        out[k, 0], out[k, 1] = _efficiency(chosen, n, lowest, highest, total, epsilon)
     return out
 
 

@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 
 from guided_gym.kernels.collision import Geometry, motion_free
 from guided_gym.kernels.metric import Metric, placed, separation
+from guided_gym.kernels.plain import ONE, ZERO, copy_row, where_least
 
 Floats = NDArray[np.float64]
 Int32s = NDArray[np.int32]
@@ -83,7 +84,8 @@ def over_sights(path: Floats, ahead: int, geometry: Geometry, metric: Metric) ->
         metric: Weights and periods of the distance.
     """
     n = path.shape[0]
-    left, following = np.zeros(n), np.full(n, n - 1)
+    left, following = np.empty(n), np.empty(n, np.int64)
+    left[n - 1], following[n - 1] = 0.0, n - 1
     for i in range(n - 2, -1, -1):
         following[i] = i + 1
         left[i] = separation(path[i], path[i + 1], metric) + left[i + 1]
@@ -91,12 +93,13 @@ def over_sights(path: Floats, ahead: int, geometry: Geometry, metric: Metric) ->
             through = separation(path[i], path[j], metric) + left[j]
             if through < left[i] and motion_free(path[i], path[j], geometry):
                 left[i], following[i] = through, j
-    kept = np.empty(n, np.int64)
-    kept[0], count = 0, 1
-    while kept[count - 1] < n - 1:
-        kept[count] = following[kept[count - 1]]
+    out, i, count = np.empty(path.shape), int(ZERO), int(ONE)
+    copy_row(path[0], out[0])
+    while i < n - 1:
+        i = following[i]
+        copy_row(path[i], out[count])
         count += 1
-    return path[kept[:count]]
+    return out[:count]
 
 
 @njit(cache=True)
@@ -125,11 +128,12 @@ def slide(
                     poses[j, a] = placed(out[i, a] + step * directions[j, a], metric.periods[a])
                 lengths[j] = separation(before, poses[j], metric) + separation(poses[j], after, metric)
             for _ in range(lengths.size):
-                j = int(np.argmin(lengths))
+                j = where_least(lengths)
                 if lengths[j] >= most:
                     break
                 if motion_free(before, poses[j], geometry) and motion_free(poses[j], after, geometry):
-                    out[i], moved = poses[j], True
+                    copy_row(poses[j], out[i])
+                    moved = True
                     break
                 lengths[j] = np.inf
         if not moved:
