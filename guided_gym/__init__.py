@@ -52,6 +52,7 @@ if TYPE_CHECKING:
         register_environment,
         register_guidance,
         register_robot,
+        register_rule,
         register_solver,
     )
     from guided_gym.measure.oracle import Oracle
@@ -114,6 +115,7 @@ _HOMES: dict[str, tuple[str, ...]] = {
         "register_environment",
         "register_guidance",
         "register_robot",
+        "register_rule",
         "register_solver",
     ),
     "measure.oracle": ("Oracle",),
@@ -288,6 +290,7 @@ __all__ = [
     "register_environment",
     "register_guidance",
     "register_robot",
+    "register_rule",
     "register_solver",
     "reproduce",
     "rollout",

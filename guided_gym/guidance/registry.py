@@ -96,9 +96,10 @@ for _option in (SEVERAL, "guide", "guidance", "fallback"):
     register_kind(_option, GUIDANCES)
 ROBOT_TABLE: Final = Table("robot modification", ROBOTS)
 ENVIRONMENT_TABLE: Final = Table("environment modification", ENVIRONMENTS)
+RULE_TABLE: Final = Table("rule", RULES)
 register_kind("robot", ROBOT_TABLE)
 register_kind("environment", ENVIRONMENT_TABLE)
-register_kind("rule", Table("rule", RULES))
+register_kind("rule", RULE_TABLE)
 
 
 @door
@@ -174,6 +175,23 @@ def register_environment(maker: M, name: str, *, replace: bool = False) -> M:
     """
     _check_parts("register_environment", maker, ("environment", "revised"))
     return ENVIRONMENT_TABLE.register(maker, name, replace=replace)
+
+
+@door
+def register_rule(maker: M, name: str, *, replace: bool = False) -> M:
+    """Register a rule of hybrids: a word for ``rule=...``.
+
+    Args:
+        maker: A class with the methods of `Rule`, or a function that makes one. Its keyword options can be
+            given in an expression: ``rule=name(option=value)``.
+        name: Its name.
+        replace: Whether it may replace another one of that name.
+
+    Raises:
+        InvalidInputError: It lacks a method, or the name is taken or means something in an expression.
+    """
+    _check_parts("register_rule", maker, ("begin", "weights", "learn"))
+    return RULE_TABLE.register(maker, name, replace=replace)
 
 
 def _check_parts(what: str, maker: object, parts: tuple[str, ...]) -> None:

@@ -1,6 +1,6 @@
 """Rules of hybrids: how much each guiding space guides the next sample (paper, Multi-Guidance Search).
 
-One joins by adding a row to `RULES`; it needs what `Rule` says.
+One joins by adding a row to `RULES`, or by `register_rule`; it needs what `Rule` says.
 """
 
 from __future__ import annotations

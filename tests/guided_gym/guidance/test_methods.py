@@ -7,11 +7,13 @@ import re
 from pathlib import Path
 from types import ModuleType
 
+import numpy as np
 import pytest
 
-from guided_gym import guided_search, make_distribution, make_guidance
-from guided_gym.errors import InvalidInputError
+from guided_gym import Hybrid, guided_search, make_distribution, make_guidance
+from guided_gym.errors import InvalidInputError, UnknownNameError
 from guided_gym.guidance import registry
+from guided_gym.guidance.rules import Taking
 from guided_gym.storage.path_file import DatabaseHeader, PathDatabase
 
 DOCS = Path(__file__).parents[3] / "docs"
@@ -72,7 +74,7 @@ def test_parts__of_ones_own_take_twenty_lines() -> None:
     for block in blocks:
         for kind in re.findall(r"^@?register_(\w+)", block, re.MULTILINE):
             found.setdefault(kind, block)
-    for kind in ("solver", "robot", "environment", "guidance"):
+    for kind in ("solver", "robot", "environment", "guidance", "rule"):
         block = found[kind]
         lines = block[block.index("class ") :].splitlines()
         body = [line for line in lines if line.strip() and (line[0] in " c")]
@@ -90,6 +92,8 @@ def test_register__refuses_what_lacks_a_method(monkeypatch: pytest.MonkeyPatch) 
         registry.register_robot(Half, "half")
     with pytest.raises(InvalidInputError, match="lacks environment, revised"):
         registry.register_environment(Half, "half")
+    with pytest.raises(InvalidInputError, match="lacks weights, learn"):
+        registry.register_rule(Half, "half")
     for nothing in (None, 3, "roadmap"):
         with pytest.raises(InvalidInputError, match="register_solver: expected a class with"):
             registry.register_solver(nothing, "half")  # type: ignore[type-var]
@@ -97,10 +101,11 @@ def test_register__refuses_what_lacks_a_method(monkeypatch: pytest.MonkeyPatch) 
 
 def test_register__keeps_what_has_the_name(monkeypatch: pytest.MonkeyPatch) -> None:
     from guided_gym.guidance.modifications import Boxes, Disc, Point
+    from guided_gym.guidance.rules import RoundRobin
     from guided_gym.guidance.solvers.exact import Exact
     from guided_gym.guidance.solvers.plain import Straight
 
-    for table in (registry.GUIDANCES, registry.ROBOT_TABLE, registry.ENVIRONMENT_TABLE):
+    for table in (registry.GUIDANCES, registry.ROBOT_TABLE, registry.ENVIRONMENT_TABLE, registry.RULE_TABLE):
         monkeypatch.setattr(table, "rows", dict(table.rows))
     with pytest.raises(InvalidInputError, match=r"'roadmap'.*replace=True"):
         registry.register_solver(Straight, "roadmap")
@@ -108,6 +113,8 @@ def test_register__keeps_what_has_the_name(monkeypatch: pytest.MonkeyPatch) -> N
         registry.register_robot(Point, "disc")
     with pytest.raises(InvalidInputError, match=r"'hulls'.*replace=True"):
         registry.register_environment(Boxes, "hulls")
+    with pytest.raises(InvalidInputError, match=r"'swap'.*replace=True"):
+        registry.register_rule(RoundRobin, "swap")
     registry.register_robot(Disc, "disc")  # the same one again
     registry.register_solver(Exact, "exact")
     registry.register_solver(Straight, "roadmap", replace=True)
@@ -116,3 +123,35 @@ def test_register__keeps_what_has_the_name(monkeypatch: pytest.MonkeyPatch) -> N
     registry.register_environment(Boxes, "crates")
     made = make_guidance("straight(robot=dot, environment=crates)")
     assert made.name == "straight"
+
+
+def test_register_rule__guides_by_name_as_by_object(monkeypatch: pytest.MonkeyPatch) -> None:
+    class Patient(Taking):
+        """Swaps after so many collisions in a row."""
+
+        def __init__(self, failures: int = 3) -> None:
+            self.most = failures
+
+        def begin(self, guides, search):
+            super().begin(guides, search)
+            self.failures = 0
+
+        def learn(self, guide, expansion):
+            self.failures = self.failures + 1 if expansion.failed else 0
+            if self.failures == self.most:
+                self.failures = 0
+                self.pass_on()
+
+    monkeypatch.setattr(registry.RULE_TABLE, "rows", dict(registry.RULE_TABLE.rows))
+    with pytest.raises(UnknownNameError, match="patient"):
+        make_guidance("hybrid(lazy_prm, rrt, rule=patient)")
+    registry.register_rule(Patient, "patient")
+    problem = make_distribution("TrapCup").problem(0)
+    for failures in (1, 3):
+        named = f"hybrid(lazy_prm, rrt, rule=patient(failures={failures}))"
+        made = Hybrid(registry.make_guides(["lazy_prm", "rrt"]), rule=Patient(failures))
+        trees = [guided_search(problem, guidance, seed=0, max_samples=150).tree for guidance in (named, made)]
+        assert np.array_equal(trees[0].configurations, trees[1].configurations)
+        assert trees[0].failure_count == trees[1].failure_count > failures
+    with pytest.raises(UnknownNameError, match="failures"):
+        make_guidance("hybrid(lazy_prm, rrt, rule=patient(failure=2))")
