@@ -379,7 +379,8 @@ def test_memory__nothing_outlives_a_run_unwatched(resolution: float, cup: Proble
 
     def left() -> int:
         gc.collect()
-        return sum(isinstance(thing, Questions) for thing in gc.get_objects())
+        # By type: a dead proxy, which another library may have left, answers no isinstance.
+        return sum(issubclass(type(thing), Questions) for thing in gc.get_objects())
 
     before = left()
     assert planner("RRT", resolution=resolution).alone(cup, seed=0).path is not None
