@@ -85,16 +85,12 @@ class Front(NamedTuple):
     numbers: FloatArray
 
 
-@njit(cache=True)
-def bordered(values: npt.NDArray[Any], border: Any) -> npt.NDArray[Any]:
-    """(n, n, T) as (n + 2, n + 2, T)."""
+def bordered(values: npt.NDArray[Any], border: float) -> npt.NDArray[Any]:
+    """(p,) what is (n, n, T), with a border around the cells."""
     n, turns = values.shape[0], values.shape[2]
-    out = np.full((n + 2, n + 2, turns), border)
-    for r in range(n):
-        for c in range(n):
-            for t in range(turns):
-                out[r + 1, c + 1, t] = values[r, c, t]
-    return out
+    out = np.full((n + 2, n + 2, turns), border, values.dtype)
+    out[1:-1, 1:-1] = values
+    return out.reshape(-1)
 
 
 @njit(cache=True)
@@ -102,7 +98,7 @@ def begin(
     slow: Field,
     effort: Field,
     shape: tuple[int, int, int],
-    closed: Links,
+    doors: Links,
     limits: tuple[float, float],
     places: IntArray,
     values: FloatArray,
@@ -115,7 +111,7 @@ def begin(
         slow: (p,) slowness; see `Front`.
         effort: (p,) how many times slower poses have become.
         shape: That of the grid without border.
-        closed: (n, n, T) what `fields.closed_links` gives; (0, 0, 0) where all links are open.
+        doors: (p,) what `fields.closed_links` gives; (0,) where all links are open.
         limits: The largest slowness by lack of room, and the largest in all.
         places: (m,) flat places, in the grid without border, where the wave begins.
         values: (m,) how far they are from the goal.
@@ -128,7 +124,7 @@ def begin(
     width, longest = _UNTIDY * cell, cell
     if turns > 1:
         width, longest = _UNTIDY * max(min(cell, turn), cell / 8.0), max(cell, turn)
-    longest = (limits[1] + _HEED) * longest + (jump if closed.size else 0.0)
+    longest = (limits[1] + _HEED) * longest + (jump if doors.size else 0.0)
     buckets = int(min(2.0 ** math.ceil(math.log2(longest / width + 3.0)), _MOST_BUCKETS))
     numbers = np.zeros(10)
     numbers[_WIDTH], numbers[_JUMP], numbers[_BLOCKED], numbers[_MOST] = width, jump, limits[0], limits[1]
@@ -145,7 +141,7 @@ def begin(
         slow,
         effort,
         np.zeros(size, np.bool_),
-        bordered(closed, np.uint8(0)).reshape(-1) if closed.size else np.zeros(0, np.uint8),
+        doors,
         np.full(buckets, -1, np.int32),
         np.empty(7 * size, np.int32),
         np.empty(7 * size, np.int32),

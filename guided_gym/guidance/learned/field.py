@@ -154,7 +154,7 @@ class FieldModel(WaveModel):
         found = super().begin(grid, goal)
         if start is not None:
             values = np.abs(self.field(found).values)
-            found.front.known[:] = marching.bordered(values, np.float32(np.inf)).reshape(-1)
+            found.front.known[:] = marching.bordered(values, np.inf)
         return found
 
     def arrival(self, found: Arrivals) -> Field:

@@ -350,7 +350,7 @@ class Arrivals(NamedTuple):
         front, ground = self.front, self.grid.ground
         fields.look_everywhere(ground)
         n = len(ground.room)
-        wanted = marching.bordered(self.seems >= 0, False).reshape(-1)
+        wanted = marching.bordered(self.seems >= 0, False)
         marching.reach(front, ground, np.flatnonzero(wanted & (front.slow != np.inf)))
         taken = front.known[np.isfinite(front.known)]
         last = np.float32(taken.max() + n * self.frame[fields.CELL]) if taken.size else np.float32(np.inf)
@@ -399,7 +399,7 @@ class WaveModel:
             goal: (d,) where it begins.
             start: (d,) what it heads for; None for nothing, which is faster where it has to come everywhere.
         """
-        slow = marching.bordered(self.slowness(grid), np.float32(np.inf)).reshape(-1)
+        slow = marching.bordered(self.slowness(grid), np.inf)
         frame = grid.towards(goal)
         sources, even = grid.beginnings(frame), np.ones_like(slow)
         front = self._begun(grid, frame, sources, start, slow, even, self.blocked)
@@ -423,8 +423,9 @@ class WaveModel:
         slowest: float,
     ) -> Front:
         target = np.zeros(0) if start is None else np.append(start, 0.0)[:3]
+        doors = marching.bordered(grid.closed, 0) if grid.closed.size else grid.closed.reshape(-1)
         limits = self.blocked, slowest
-        return marching.begin(slow, effort, grid.room.shape, grid.closed, limits, *sources, frame, target)
+        return marching.begin(slow, effort, grid.room.shape, doors, limits, *sources, frame, target)
 
     def evaluate(self, grid: PoseGrid, goal: FloatArray) -> CostField:
         """The cost-to-go field for a goal."""

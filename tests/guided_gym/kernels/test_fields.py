@@ -36,15 +36,14 @@ def marched(
     target: tuple[float, ...] = (),
 ) -> np.ndarray:
     """A wave over poses of a slowness, everywhere; what it does not come to is infinite."""
-    slow = marching.bordered(slowness.astype(np.float32), np.float32(np.inf))
-    flat, shape = slow.reshape(-1), slowness.shape
+    flat, shape = marching.bordered(slowness.astype(np.float32), np.inf), slowness.shape
     limits = (float(slowness[np.isfinite(slowness)].max()),) * 2
     front = marching.begin(
-        flat, np.ones_like(flat), shape, OPEN, limits, places, values, frame, np.array(target)
+        flat, np.ones_like(flat), shape, OPEN.reshape(-1), limits, places, values, frame, np.array(target)
     )
     ground = ground_of(np.zeros((0, 4)), np.zeros((1, 3)), 0.0, shape[2], frame, shape[0])
     marching.reach(front, ground, np.flatnonzero(np.isfinite(flat)))
-    return front.known.reshape(slow.shape)[1:-1, 1:-1]
+    return front.known.reshape(shape[0] + 2, shape[1] + 2, shape[2])[1:-1, 1:-1]
 
 
 def ground_of(
@@ -237,8 +236,8 @@ def test_wave__towards_a_target_comes_there_before_it_looks_elsewhere() -> None:
     frame = frame_of(weight=0.1, goal=(0.8, 0.2, 0.3))
     places, poses = fields.poses_near_goal(slowness.shape, frame, 2)
     values = np.array([fields.goal_distance(*pose, frame) for pose in poses])
-    slow = marching.bordered(slowness, np.float32(np.inf))
-    flat, rest = slow.reshape(-1), (slowness.shape, OPEN, (100.0, 100.0), places, values, frame)
+    flat, doors = marching.bordered(slowness, np.inf), OPEN.reshape(-1)
+    rest = (slowness.shape, doors, (100.0, 100.0), places, values, frame)
     ground = ground_of(np.zeros((0, 4)), np.zeros((1, 3)), 0.0, 8, frame)
     plain = marching.begin(flat, np.ones_like(flat), *rest, np.zeros(0))
     ahead = marching.begin(flat, np.ones_like(flat), *rest, np.array([0.2, 0.2, 0.3]))
