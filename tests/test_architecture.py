@@ -225,6 +225,18 @@ def _module(distribution: str) -> str:
     return MODULE_OF.get(distribution, distribution.replace("-", "_"))
 
 
+def test_every_folder_of_the_package_is_installed() -> None:
+    setuptools = tomllib.loads((REPOSITORY / "pyproject.toml").read_text(encoding="utf-8"))["tool"][
+        "setuptools"
+    ]
+    found = {
+        ".".join([room, *file.parent.relative_to(REPOSITORY / folder).parts])
+        for room, folder in setuptools["package-dir"].items()
+        for file in (REPOSITORY / folder).rglob("__init__.py")
+    }
+    assert found == set(setuptools["packages"])
+
+
 def test_every_dependency_is_used() -> None:
     package = {name for _, _, file in MODULES for name in _wanted(file)}
     folders = ("tests", "benchmarks", "faults", "docs", "examples")
