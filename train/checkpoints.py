@@ -8,7 +8,7 @@ from __future__ import annotations
 import hashlib
 import importlib.util
 import json
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import asdict, fields, is_dataclass
 from pathlib import Path
 from typing import Any, Final, TypeVar
@@ -23,12 +23,14 @@ from guided_gym.storage.foreign_file import parsed_toml, read_text
 from guided_gym.storage.whole_file import write_whole
 
 CONFIG_FILE: Final = "config.toml"
+AGENT_FOLDER: Final = "agent"
 CHECKPOINT_FILE: Final = "checkpoint.safetensors"
 _STATE: Final = "state.json"
 _CHECKSUM: Final = "sha256"
 _LARGEST_CONFIG: Final = 2**20  # bytes
 
 Tensors = dict[str, NDArray[Any]]
+Progress = Callable[[int, int, str], None]
 C = TypeVar("C")
 
 

@@ -8,7 +8,7 @@ what a good choice is. Numbers are kept only if they search better on validation
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from dataclasses import asdict, dataclass
 from functools import partial
 from pathlib import Path
@@ -29,11 +29,10 @@ from guided_gym.guidance.learned.folders import agent_folder
 from guided_gym.guidance.learned.motion_agent import MOTION_KIND, MotionAgent
 from guided_gym.guidance.learned.motion_guidance import MotionGuidance
 from guided_gym.options import checked_samples
-from guided_gym.train.checkpoints import RunFolder
+from guided_gym.train.checkpoints import AGENT_FOLDER, Progress, RunFolder
 from guided_gym.train.specs import package_version
 from guided_gym.train.validation import Found, rank, searched, validated
 
-AGENT_FOLDER: Final = "agent"
 _BEGIN: Final = {
     weights.AGENT_KIND: {"detour": 0.5, "expansion_penalty": 0.1},
     MOTION_KIND: {"detour": 0.5, "expansion_penalty": 0.1, "effort": 1.0},
@@ -41,8 +40,6 @@ _BEGIN: Final = {
 """What is sought for each kind of agent, and where: numbers above 0, whose logarithms are varied."""
 _SPREAD: Final = 0.7  # of the first generation's logarithms
 _MOST: Final = 1_000_000  # bytes of a search's result, about
-
-Progress = Callable[[int, int, str], None]
 
 
 @dataclass(frozen=True)
@@ -122,7 +119,7 @@ class _Run:
             raise InvalidInputError(f"agent: expected one that selects nodes, got a {self.kind or 'file'}")
         self.agent: Any = (MotionAgent if self.kind == MOTION_KIND else LearnedAgent).load(source)
         self.source = source
-        self.begin = {**_BEGIN[self.kind]}
+        self.begin = _BEGIN[self.kind]
         self.folder = RunFolder(out, config, "selection")
         loaded = self.folder.load()
         self.state: dict[str, Any] = loaded[0] if loaded else {"losses": [], "history": [], "judged": []}
@@ -159,7 +156,7 @@ class _Run:
             if place == len(self.state["judged"]):
                 self._judge(numbers, "generation " + str(config.generations) if place else "nothing")
         self.progress(total, total, "Selection: done")
-        return self._write_agent(found)
+        return self._write_agent()
 
     def _try(self, generation: int, candidates: list[NDArray[np.float64]]) -> None:
         """The loss of each candidate on this generation's problems."""
@@ -209,7 +206,7 @@ class _Run:
         self.state["history"].append({"what": f"validation after {stage}", **found})
         self.folder.save(self.state, {})
 
-    def _write_agent(self, found: list[dict[str, float]]) -> dict[str, Any]:
+    def _write_agent(self) -> dict[str, Any]:
         """The agent with the numbers that were judged best; its weights are those that it had."""
         required = ("format", "kind", "training", "metrics")
         card, tensors = weights.load_agent(self.source, self.kind, required)

@@ -6,7 +6,6 @@ A round searches with the policy as it is, and learns the target distribution on
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from collections.abc import Callable
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
@@ -32,16 +31,14 @@ from guided_gym.planning import proposer
 from guided_gym.randomness import seed_of, streams
 from guided_gym.search.search import Expansion, Search
 from guided_gym.train import networks
-from guided_gym.train.checkpoints import RunFolder
+from guided_gym.train.checkpoints import Progress, RunFolder
 from guided_gym.train.lessons import mixed_problem
 from guided_gym.train.validation import rank, validated
 
 Tensors = dict[str, NDArray[Any]]
-Progress = Callable[[int, int, str], None]
 Tree = tuple[NDArray[np.float32], NDArray[np.float32]]
 """(n, columns) what the scorer sees of a tree's nodes, and (n,) the target distribution over them."""
 
-AGENT_FOLDER: Final = "agent"
 SCORER_SEED: Final = 3
 _STEPS_KEPT: Final = 16  # of a search, for the scorer
 _TREES_A_BATCH: Final = 32

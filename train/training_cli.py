@@ -190,8 +190,8 @@ def _run(
     executor: Executor,
 ) -> None:
     """Run or continue a training in its folder, and say what came of it."""
+    from guided_gym.train.checkpoints import AGENT_FOLDER
     from guided_gym.train.specs import learned_word
-    from guided_gym.train.staged import AGENT_FOLDER
 
     folder = out or Path("runs") / f"{method}-{'+'.join(environments)}"
     with progress_bar(method.capitalize(), folder) as progress:

@@ -86,6 +86,14 @@ class Robot(Mechanism):
         return float(np.hypot(*shapely.get_coordinates(self.outline).T).max())
 
     @cached_property
+    def inner_radius(self) -> float:
+        """Radius of the largest disc about the reference point in the outline (length); 0 outside."""
+        outline, reference = self.outline, shapely.Point(0.0, 0.0)
+        if not (isinstance(outline, shapely.Polygon) and outline.contains(reference)):
+            return 0.0
+        return float(outline.boundary.distance(reference))
+
+    @cached_property
     def cover(self) -> Pieces:
         """Convex pieces that cover the outline exactly, in one array, in the body frame."""
         return cover(self.outline)

@@ -379,12 +379,7 @@ def _turned(robot: Robot, heading: float) -> Robot:
 @lru_cache(maxsize=64)
 def _disc_of(robot: Robot, outer: bool) -> Robot:
     """A regular polygon around the disc around the robot, or inside the disc inside it."""
-    if outer:
-        radius = robot.radius / math.cos(math.pi / _CORNERS)
-    else:
-        outline = robot.outline
-        inside = isinstance(outline, shapely.Polygon) and outline.contains(shapely.Point(0.0, 0.0))
-        radius = float(outline.boundary.distance(shapely.Point(0.0, 0.0))) if inside else 0.0
+    radius = robot.radius / math.cos(math.pi / _CORNERS) if outer else robot.inner_radius
     if radius == 0.0:
         return _body(Robot.point)
     angles = 2.0 * math.pi * np.arange(_CORNERS) / _CORNERS

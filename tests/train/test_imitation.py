@@ -19,10 +19,9 @@ torch = pytest.importorskip("torch")
 from guided_gym.errors import InvalidInputError, StorageError, UnknownNameError  # noqa: E402
 from guided_gym.guidance.learned import weights  # noqa: E402
 from guided_gym.guidance.registry import make_guidance  # noqa: E402
-from guided_gym.train.checkpoints import CHECKPOINT_FILE, RunFolder  # noqa: E402
+from guided_gym.train.checkpoints import AGENT_FOLDER, CHECKPOINT_FILE, RunFolder  # noqa: E402
 from guided_gym.train.cli import app  # noqa: E402
 from guided_gym.train.imitation import ImitationConfig, train_imitation  # noqa: E402
-from guided_gym.train.staged import AGENT_FOLDER  # noqa: E402
 
 TINY = ImitationConfig(
     problems=4,

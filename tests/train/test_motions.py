@@ -15,8 +15,8 @@ from guided_gym.guidance.learned import weights  # noqa: E402
 from guided_gym.guidance.learned.motion_agent import load_motion_agent, load_motion_card  # noqa: E402
 from guided_gym.guidance.registry import make_guidance  # noqa: E402
 from guided_gym.train import motions  # noqa: E402
+from guided_gym.train.checkpoints import AGENT_FOLDER  # noqa: E402
 from guided_gym.train.motions import MotionConfig, random_motions, train_motions  # noqa: E402
-from guided_gym.train.staged import AGENT_FOLDER  # noqa: E402
 from guided_gym.train.validation import rank  # noqa: E402
 
 TINY = MotionConfig(

@@ -19,7 +19,8 @@ from guided_gym.guidance.learned.agent import LearnedGuidance, fingerprint, guid
 from guided_gym.guidance.learned.folders import SHIPPED
 from guided_gym.guidance.registry import make_guidance
 from guided_gym.train import selection
-from guided_gym.train.selection import AGENT_FOLDER, SelectionConfig, train_selection
+from guided_gym.train.checkpoints import AGENT_FOLDER
+from guided_gym.train.selection import SelectionConfig, train_selection
 from guided_gym.train.validation import Found, rank
 
 TINY = SelectionConfig(

@@ -11,7 +11,7 @@ import importlib
 import json
 import sys
 from collections.abc import Callable, Sequence
-from functools import lru_cache, partialmethod
+from functools import lru_cache
 from pathlib import Path
 from types import ModuleType
 from typing import Any, ClassVar, Final
@@ -25,7 +25,7 @@ from guided_gym.guidance.learned.field import FieldArchitecture, FieldModel
 from guided_gym.guidance.learned.folders import agent_folder, stamp_of
 from guided_gym.guidance.learned.motion_agent import load_motion_card
 from guided_gym.guidance.learned.motion_guidance import motion_class
-from guided_gym.guidance.learned.scored import ScoredGuidance
+from guided_gym.guidance.learned.scored import ScoredGuidance, class_of
 from guided_gym.guidance.learned.scorer import ScorerArchitecture, ScorerModel
 from guided_gym.guidance.solvers import wave as pose_grid
 from guided_gym.guidance.solvers.wave import Wave
@@ -161,10 +161,7 @@ def guidance_class(
         return rules.hybrid_class(name, agent_folder(name), make_guides)
     if kind == motion_agent.MOTION_KIND:
         return motion_class(name)
-    selection = weights.selection_of(load_named(name).card, SELECTION)
-    init = partialmethod(LearnedGuidance.__init__, name, **selection)
-    body = {"name": f"learned:{name}", "__init__": init}
-    return type("LearnedGuidance", (LearnedGuidance,), {**body, "__doc__": LearnedGuidance.__doc__})
+    return class_of(LearnedGuidance, name, load_named(name).card, SELECTION)
 
 
 def fingerprint(name: str) -> str:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from functools import partialmethod
 from pathlib import Path
 from typing import TYPE_CHECKING, ClassVar, Final
 
@@ -13,9 +12,8 @@ from numpy.typing import NDArray
 from guided_gym.checks import flag, integer, number
 from guided_gym.errors import InvalidInputError
 from guided_gym.guidance.composed import AVOID, Composed, Lesson
-from guided_gym.guidance.learned import weights
 from guided_gym.guidance.learned.motion_agent import MotionAgent, load_motion_agent
-from guided_gym.guidance.learned.scored import ScoredGuidance
+from guided_gym.guidance.learned.scored import ScoredGuidance, class_of
 from guided_gym.guidance.modifications import UNCHANGED, Inner, Predicted
 from guided_gym.guidance.solvers.estimated import Estimated
 from guided_gym.guidance.solvers.roadmap import Roadmap
@@ -148,7 +146,4 @@ class MotionGuidance(ScoredGuidance):
 
 def motion_class(name: str) -> type[MotionGuidance]:
     """The guiding space of one agent, as a class: what ``"learned:NAME"`` stands for."""
-    selection = weights.selection_of(load_motion_agent(name).card, SELECTION)
-    init = partialmethod(MotionGuidance.__init__, name, **selection)
-    body = {"name": f"learned:{name}", "__init__": init}
-    return type("MotionGuidance", (MotionGuidance,), {**body, "__doc__": MotionGuidance.__doc__})
+    return class_of(MotionGuidance, name, load_motion_agent(name).card, SELECTION)

@@ -2,13 +2,16 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Final
+from collections.abc import Collection, Mapping
+from functools import partialmethod
+from typing import TYPE_CHECKING, Any, Final, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
 
 from guided_gym.guidance.composed import Composed
 from guided_gym.guidance.learned.scorer import ScorerColumn, ScorerModel
+from guided_gym.guidance.learned.weights import selection_of
 from guided_gym.kernels import fields
 from guided_gym.options import DEFAULT_TARGET
 
@@ -124,3 +127,23 @@ class ScoredGuidance(Composed):
         reach = _CONTACT_REACH * self.planner.step
         weight = float(self.space.weights[2]) if self.space.dimension == 3 else 0.0
         return np.asarray(fields.crowding(q, contacts, np.ones(len(contacts)), reach, weight))
+
+
+G = TypeVar("G", bound=ScoredGuidance)
+
+
+def class_of(kind: type[G], name: str, card: Mapping[str, Any], options: Collection[str]) -> type[G]:
+    """The guiding space of one agent, as a class.
+
+    Args:
+        kind: The class of such guiding spaces; the agent is its first argument.
+        name: The agent's name.
+        card: Its card; its selection gives defaults.
+        options: Those of which a card may say what they are.
+
+    Raises:
+        StorageError: The card's selection holds something else.
+    """
+    init = partialmethod(kind.__init__, name, **selection_of(card, options))
+    body = {"name": f"learned:{name}", "__init__": init, "__doc__": kind.__doc__}
+    return type(kind.__name__, (kind,), {**body, "__module__": kind.__module__})

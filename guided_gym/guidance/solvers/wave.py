@@ -58,23 +58,14 @@ def body_discs(robot: Robot, spacing: float) -> FloatArray:
     outline, radius = robot.outline, robot.radius
     if isinstance(outline, shapely.Point) or radius == 0.0:
         return np.array([[*shapely.get_coordinates(outline)[0], 0.0]])
-    inside = _inner_radius(robot)
-    if inside >= _ROUND * radius:
-        return np.array([[0.0, 0.0, inside]])
+    if robot.inner_radius >= _ROUND * radius:
+        return np.array([[0.0, 0.0, robot.inner_radius]])
     border = outline.boundary if isinstance(outline, shapely.Polygon) else outline
     points = shapely.get_coordinates(shapely.segmentize(border, min(radius / 4.0, spacing)))
     discs = [np.column_stack([points, np.zeros(len(points))])]
     if isinstance(outline, shapely.Polygon):
         discs.append(_inner_discs(outline, radius / 8.0))
     return np.ascontiguousarray(np.unique(np.concatenate(discs), axis=0))
-
-
-def _inner_radius(robot: Robot) -> float:
-    """Radius of the largest disc around the reference point in the robot's outline; 0 if it is outside."""
-    outline, reference = robot.outline, shapely.Point(0.0, 0.0)
-    if not (isinstance(outline, shapely.Polygon) and outline.contains(reference)):
-        return 0.0
-    return float(outline.boundary.distance(reference))
 
 
 def _inner_discs(outline: shapely.Polygon, spacing: float) -> FloatArray:
