@@ -12,17 +12,15 @@ again, a thousand times closer, around the contact that was reported.
 
 from __future__ import annotations
 
-import argparse
-import json
 import math
 import sys
 import time
-from pathlib import Path
 
 import numpy as np
 import numpy.typing as npt
 import shapely
 from chunks import judged
+from command_line import command_line, write_figures
 from numba import njit
 from rich.console import Console
 from rich.table import Table
@@ -428,16 +426,14 @@ def _colliding(space: ConfigurationSpace, points: FloatArray, parents: IntArray)
 
 
 def main() -> int:
-    parser = argparse.ArgumentParser(description=(__doc__ or "").split("\n")[0])
+    parser = command_line(__doc__)
     parser.add_argument("--motions", type=int, default=100_000, help="of each robot")
     parser.add_argument("--rrt", action="store_true", help="nodes a second instead, needs ompl")
     parser.add_argument("--seconds", type=float, default=3.0, help="of each of OMPL's runs")
-    parser.add_argument("--json", type=Path, default=None, help="where to write the figures")
     arguments = parser.parse_args()
     console = Console()
     figures = rrt(arguments.seconds, console) if arguments.rrt else certified(arguments.motions, console)
-    if arguments.json:
-        arguments.json.write_text(json.dumps(figures, indent=2) + "\n")
+    write_figures(arguments.json, figures)
     wrong = 0 if arguments.rrt else sum(counts["wrongly_free"] for counts in figures.values())  # type: ignore[union-attr]
     return 1 if wrong else 0
 

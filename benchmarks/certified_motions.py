@@ -14,19 +14,17 @@ paths of ten edges built as a planner would: each edge accepted by that checker.
 
 from __future__ import annotations
 
-import argparse
-import json
 import math
 import sys
 import time
 from collections.abc import Callable, Iterator
 from dataclasses import asdict, dataclass
-from pathlib import Path
 
 import dense_reference
 import numpy as np
 import numpy.typing as npt
 import shapely
+from command_line import command_line, write_figures
 from numba import njit
 from rich.console import Console
 from rich.progress import Progress
@@ -313,11 +311,10 @@ def table(tallies: dict[str, Tally]) -> Table:
 
 
 def main() -> int:
-    parser = argparse.ArgumentParser(description=(__doc__ or "").split("\n")[0])
+    parser = command_line(__doc__)
     parser.add_argument("--motions", type=int, default=1_000_000)
     parser.add_argument("--large", action="store_true", help="large worlds only, of some 4,000 pieces")
     parser.add_argument("--seed", type=int, default=0)
-    parser.add_argument("--json", type=Path, default=None, help="where to write the counts")
     arguments = parser.parse_args()
     console = Console()
     began = time.perf_counter()
@@ -327,12 +324,9 @@ def main() -> int:
         total.add(tally)
     tallies["all"] = total
     console.print(table(tallies))
-    if arguments.json:
-        result = {"seed": arguments.seed, "step": STEP, "seconds": time.perf_counter() - began}
-        scenes = {
-            name: asdict(t) | {"needlessly_refused": t.needlessly_refused} for name, t in tallies.items()
-        }
-        arguments.json.write_text(json.dumps(result | {"scenes": scenes}, indent=2) + "\n")
+    result = {"seed": arguments.seed, "step": STEP, "seconds": time.perf_counter() - began}
+    scenes = {name: asdict(t) | {"needlessly_refused": t.needlessly_refused} for name, t in tallies.items()}
+    write_figures(arguments.json, result | {"scenes": scenes})
     return 1 if total.wrongly_free or total.needlessly_refused > 1e-3 * total.free else 0
 
 

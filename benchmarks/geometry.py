@@ -22,6 +22,7 @@ from typing import Any
 
 import numpy as np
 import shapely
+from command_line import command_line, write_figures
 
 CATALOGUE = ("TrapCup", "RandomMaze", "RandomPointMaze", "HardStickMaze", "RandomClutter")
 LARGE = (300, 31_000)
@@ -151,10 +152,7 @@ def compare(pythons: dict[str, str], turns: int) -> dict[str, dict[str, dict[str
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(
-        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
-    )
-    parser.add_argument("--json", type=Path, help="write the figures to this file")
+    parser = command_line(__doc__)
     parser.add_argument("--peer", help="a Python interpreter that has another build")
     parser.add_argument("--turns", type=int, default=TURNS)
     parser.add_argument("--worlds", help=argparse.SUPPRESS)
@@ -172,8 +170,7 @@ def main() -> None:
                 other = result["peer"][world][key]
                 line += f"   peer {other:12.3f}   {value / other:6.3f} of it"
             print(line)
-    if options.json:
-        options.json.write_text(json.dumps(result, indent=2) + "\n", encoding="utf-8")
+    write_figures(options.json, result)
 
 
 if __name__ == "__main__":

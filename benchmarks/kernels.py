@@ -10,13 +10,11 @@ microseconds of CPU time: means, and for the fused kernel medians of rounds, unl
 
 from __future__ import annotations
 
-import argparse
-import json
 import time
 from collections.abc import Callable
-from pathlib import Path
 
 import numpy as np
+from command_line import command_line, write_figures
 from numba import njit
 from scipy.sparse import csr_array
 from scipy.sparse.csgraph import dijkstra
@@ -177,10 +175,7 @@ def time_repair(n: int, k: int, deletions: int, rng: np.random.Generator) -> dic
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(
-        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
-    )
-    parser.add_argument("--json", type=Path, help="write the figures to this file")
+    parser = command_line(__doc__)
     parser.add_argument("--seed", type=int, default=0)
     options = parser.parse_args()
     rng = np.random.default_rng(options.seed)
@@ -193,8 +188,7 @@ def main() -> None:
         print(title)
         for name, value in figures.items():
             print(f"  {name:36s} {value:12.1f}")
-    if options.json:
-        options.json.write_text(json.dumps(report, indent=2) + "\n", encoding="utf-8")
+    write_figures(options.json, report)
 
 
 if __name__ == "__main__":

@@ -10,14 +10,12 @@ processor's time, the others are of the clock.
 
 from __future__ import annotations
 
-import argparse
-import json
 import os
 import time
 from collections.abc import Callable
-from pathlib import Path
 
 import numpy as np
+from command_line import command_line, write_figures
 from rich.console import Console
 from rich.table import Table
 
@@ -130,13 +128,10 @@ def measure(problems: int, choices: int, mazes: int) -> dict[str, dict[str, floa
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(
-        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
-    )
+    parser = command_line(__doc__)
     parser.add_argument("--problems", type=int, default=60, help="problems of each distribution")
     parser.add_argument("--choices", type=int, default=300, help="choices on each tree")
     parser.add_argument("--mazes", type=int, default=300, help="NEXT mazes")
-    parser.add_argument("--json", type=Path, help="write the figures to this file")
     options = parser.parse_args()
     rows = measure(options.problems, options.choices, options.mazes)
     table = Table("ms", "mean", "median", "99 %", "cpu", "limit")
@@ -145,8 +140,7 @@ def main() -> None:
             label, *(f"{r[key]:.3g}" if key in r else "" for key in ("mean", "median", "p99", "cpu", "limit"))
         )
     Console().print(table)
-    if options.json:
-        options.json.write_text(json.dumps(rows, indent=2) + "\n", encoding="utf-8")
+    write_figures(options.json, rows)
 
 
 if __name__ == "__main__":

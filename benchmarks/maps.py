@@ -11,9 +11,7 @@ reading the map, the first plan, and the next.
 
 from __future__ import annotations
 
-import argparse
 import csv
-import json
 import os
 import resource
 import statistics
@@ -25,6 +23,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from command_line import command_line, write_figures
 
 CELLS, BOXES, RESOLUTION = 1000, 3000, 0.05
 ROBOT = "rectangle:0.3,0.2"
@@ -156,10 +155,7 @@ def measure(folder: Path) -> dict[str, Any]:
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(
-        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
-    )
-    parser.add_argument("--json", type=Path, help="write the figures to this file")
+    parser = command_line(__doc__)
     options = parser.parse_args()
     with tempfile.TemporaryDirectory() as folder:
         result = measure(Path(folder))
@@ -168,8 +164,7 @@ def main() -> None:
         for key, value in figures.items():
             print(f"  {key:40s} {value:10.3f}")
     print(f"peak of this process, MiB {resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024:.0f}")
-    if options.json:
-        options.json.write_text(json.dumps(result, indent=2) + "\n", encoding="utf-8")
+    write_figures(options.json, result)
 
 
 if __name__ == "__main__":

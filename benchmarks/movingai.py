@@ -9,11 +9,10 @@ comes from a visibility graph, whose size is the square of the map's corners: a 
 
 from __future__ import annotations
 
-import argparse
-import json
 from pathlib import Path
 
 import numpy as np
+from command_line import command_line, write_figures
 from visibility_graph import visibility_distances
 
 HAIR = 1e-4  # cells: what the exact path keeps from corners
@@ -49,12 +48,9 @@ def measure(scenario: Path, most: int) -> dict[str, float]:
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(
-        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
-    )
+    parser = command_line(__doc__)
     parser.add_argument("scenarios", type=Path, nargs="*", help="files *.scen")
     parser.add_argument("--tasks", type=int, default=100, help="how many of each, spread over all")
-    parser.add_argument("--json", type=Path, help="write the figures to this file")
     options = parser.parse_args()
     if not options.scenarios:
         print("no scenario was given: nothing is compared")
@@ -63,8 +59,7 @@ def main() -> None:
         print(name)
         for key, value in figures.items():
             print(f"  {key:52s} {value:9.4f}")
-    if options.json:
-        options.json.write_text(json.dumps(result, indent=2) + "\n", encoding="utf-8")
+    write_figures(options.json, result)
 
 
 if __name__ == "__main__":

@@ -18,15 +18,14 @@ metric) and the fastest of OMPL in turns; and the share of its paths that collid
 
 from __future__ import annotations
 
-import argparse
 import copy
 import gc
-import json
 import time
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+from command_line import command_line, write_figures
 from rich.console import Console
 from scipy.stats import ks_2samp, ttest_ind
 
@@ -208,8 +207,7 @@ def memory(planner: str, runs: int) -> float:
 
 def main() -> None:
     """Measure, print, and write JSON if asked to."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawTextHelpFormatter)
-    parser.add_argument("--json", type=Path)
+    parser = command_line(__doc__)
     parser.add_argument("--seeds", type=int, default=500)
     parser.add_argument("--turns", type=int, default=10)
     parser.add_argument("--runs", type=int, default=1000)
@@ -236,8 +234,7 @@ def main() -> None:
         for planner in ("RRT", "RRTConnect", "BITstar", "PRM", "AORRTC"):
             found[f"memory, {planner}"] = memory(planner, options.runs)
             screen.print(planner, f"{found[f'memory, {planner}']:.2f} MiB")
-    if options.json:
-        options.json.write_text(json.dumps(found, indent=2))
+    write_figures(options.json, found)
 
 
 if __name__ == "__main__":

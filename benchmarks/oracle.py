@@ -20,18 +20,16 @@ Roadmaps in two and three dimensions against grids whose estimated error is 0.3 
 
 from __future__ import annotations
 
-import argparse
 import itertools
-import json
 import math
 import os
 import sys
 import tempfile
 import time
-from pathlib import Path
 
 import numpy as np
 import shapely
+from command_line import command_line, write_figures
 from rich.console import Console
 from rich.table import Table
 from scipy.interpolate import RegularGridInterpolator
@@ -317,10 +315,7 @@ def speed():
 
 def main() -> int:
     """Run the benchmark."""
-    parser = argparse.ArgumentParser(
-        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
-    )
-    parser.add_argument("--json", type=Path)
+    parser = command_line(__doc__)
     parser.add_argument("--problems", type=int, default=8, help="random problems of each kind")
     parser.add_argument(
         "--certified", type=int, default=16, help="problems of each kind with certified paths"
@@ -361,20 +356,14 @@ def main() -> int:
     console.print(table)
     for name, value in speeds.items():
         console.print(f"{name:45} {value:8.2f}")
-    if options.json:
-        options.json.write_text(
-            json.dumps(
-                {
-                    "accuracy": results,
-                    "speed": speeds,
-                    "floors": floors,
-                    "certified": paths,
-                    "hardest": hard,
-                },
-                indent=1,
-            )
-            + "\n"
-        )
+    found = {
+        "accuracy": results,
+        "speed": speeds,
+        "floors": floors,
+        "certified": paths,
+        "hardest": hard,
+    }
+    write_figures(options.json, found)
     return 0 if all(row["oracle all %"] <= 1.0 for row in results) else 1
 
 

@@ -6,14 +6,13 @@ what the page's script has spent.
 
 from __future__ import annotations
 
-import argparse
-import json
 import shutil
 import tempfile
 import time
 from pathlib import Path
 
 import numpy as np
+from command_line import command_line, write_figures
 
 from guided_gym import Measure, Search, make_distribution, make_guidance
 from guided_gym.display.replay import replay_page
@@ -97,8 +96,7 @@ def main() -> None:
     """Print a line per case."""
     from playwright.sync_api import sync_playwright
 
-    parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--json", type=Path)
+    parser = command_line(__doc__)
     options = parser.parse_args()
     program = next(filter(None, map(shutil.which, PROGRAMS)), None)
     rows = []
@@ -119,8 +117,7 @@ def main() -> None:
             print("  ".join(f"{k}: {v:.3g}" if isinstance(v, float) else v for k, v in row.items()))
             page.close()
         browser.close()
-    if options.json:
-        options.json.write_text(json.dumps(rows, indent=1) + "\n", encoding="utf-8")
+    write_figures(options.json, rows)
 
 
 if __name__ == "__main__":

@@ -10,13 +10,11 @@ are not free is counted with the certified check. Without `ompl` (extra `[bench]
 
 from __future__ import annotations
 
-import argparse
-import json
 import time
-from pathlib import Path
 from typing import Any
 
 import numpy as np
+from command_line import command_line, write_figures
 from rich.console import Console
 from rich.table import Table
 from scipy.sparse import csr_array
@@ -196,8 +194,7 @@ def full_dijkstra(guide: GuidingSpace) -> float:
 
 def main() -> None:
     """Measure, print, and write JSON if asked to."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawTextHelpFormatter)
-    parser.add_argument("--json", type=Path)
+    parser = command_line(__doc__)
     parser.add_argument("--samples", type=int, default=20_000)
     parser.add_argument("--turns", type=int, default=5)
     options = parser.parse_args()
@@ -220,8 +217,7 @@ def main() -> None:
         for figure, value in figures.items():
             table.add_row(what, figure, f"{value:.4g}")
     Console().print(table)
-    if options.json:
-        options.json.write_text(json.dumps(results, indent=2))
+    write_figures(options.json, results)
 
 
 if __name__ == "__main__":

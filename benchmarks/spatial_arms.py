@@ -19,8 +19,6 @@ they are still apart where ours touch.
 
 from __future__ import annotations
 
-import argparse
-import json
 import math
 import sys
 import time
@@ -33,6 +31,7 @@ import numpy.typing as npt
 import pinocchio as pin
 from arms import valid_starts
 from chunks import judged
+from command_line import command_line, write_figures
 from example_robots import installed
 from numba import njit
 from rich.console import Console
@@ -541,22 +540,20 @@ def _pyroboplan(
 
 
 def main() -> int:
-    parser = argparse.ArgumentParser(description=(__doc__ or "").split("\n")[0])
+    parser = command_line(__doc__)
     parser.add_argument("--motions", type=int, default=10_000, help="of each arm")
     parser.add_argument("--poses", action="store_true", help="by compiled code, which is held against coal")
     parser.add_argument("--rrt", action="store_true", help="nodes a second instead, needs pyroboplan")
     parser.add_argument(
         "--seconds", type=float, default=0.0, help="of pyroboplan's run (10), or of each arm's motions (any)"
     )
-    parser.add_argument("--json", type=Path, default=None, help="where to write the figures")
     arguments = parser.parse_args()
     console = Console()
     if arguments.rrt:
         figures: dict[str, Any] = dict(rrt(arguments.seconds or 10.0, console))
     else:
         figures = dict(certified(arguments.motions, arguments.seconds or np.inf, arguments.poses, console))
-    if arguments.json:
-        arguments.json.write_text(json.dumps(figures, indent=2) + "\n")
+    write_figures(arguments.json, figures)
     return 1 if not arguments.rrt and any(counts["wrongly_free"] for counts in figures.values()) else 0
 
 

@@ -8,7 +8,7 @@ from __future__ import annotations
 import hashlib
 import importlib.util
 import json
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from dataclasses import asdict, fields, is_dataclass
 from pathlib import Path
 from typing import Any, Final, TypeVar
@@ -30,7 +30,6 @@ _CHECKSUM: Final = "sha256"
 _LARGEST_CONFIG: Final = 2**20  # bytes
 
 Tensors = dict[str, NDArray[Any]]
-Progress = Callable[[int, int, str], None]
 C = TypeVar("C")
 
 

@@ -21,9 +21,9 @@ from guided_gym.guidance.hybrid import Hybrid
 from guided_gym.guidance.learned.rule import LearnedRule, RuleModel, rule_shapes, save_rule
 from guided_gym.guidance.learned.turns import COLUMN_NAMES
 from guided_gym.guidance.registry import make_guides
-from guided_gym.train.checkpoints import Progress
 from guided_gym.train.reinforcement import ReinforcementConfig, Tensors, Trainee, train
 from guided_gym.train.specs import package_version
+from guided_gym.train.terminal import Progress
 
 
 @dataclass(frozen=True)

@@ -30,11 +30,12 @@ from guided_gym.guidance.solvers.wave import CostField, check_grid
 from guided_gym.kernels import fields
 from guided_gym.randomness import seed_of
 from guided_gym.train import networks
-from guided_gym.train.checkpoints import AGENT_FOLDER, Progress, check_board
+from guided_gym.train.checkpoints import AGENT_FOLDER, check_board
 from guided_gym.train.lessons import SHARD, Lesson, lessons
 from guided_gym.train.specs import package_version
 from guided_gym.train.staged import StagedConfig, StagedRun, Tensors, put_moments
 from guided_gym.train.symmetries import SYMMETRIES, turned, turned_back
+from guided_gym.train.terminal import Progress
 
 _DATA_SEED, _ENCODER_SEED, _DECODER_SEED = range(3)
 _BETA: Final = 0.02  # errors below this part of the distance count by their square

@@ -37,10 +37,11 @@ from guided_gym.problems import Problem
 from guided_gym.randomness import seed_of
 from guided_gym.structures.shortest_paths import ShortestPathTree
 from guided_gym.train import networks
-from guided_gym.train.checkpoints import AGENT_FOLDER, Progress, RunFolder
+from guided_gym.train.checkpoints import AGENT_FOLDER, RunFolder
 from guided_gym.train.lessons import SHARD, mixed_problem
 from guided_gym.train.specs import package_version
 from guided_gym.train.staged import StagedConfig, StagedRun, Tensors, late
+from guided_gym.train.terminal import Progress
 
 _DATA_SEED, _BELIEF_SEED, _ESTIMATE_SEED = range(3)
 _LENGTHS: Final = (0.3, 8.0)  # of motions, in natural lengths

@@ -35,10 +35,10 @@ from guided_gym.guidance.learned.folders import agent_folder
 from guided_gym.guidance.learned.scorer import ScorerArchitecture, ScorerColumn, ScorerModel
 from guided_gym.guidance.learned.scorer import plain_tensors as plain_scorer
 from guided_gym.train import networks
-from guided_gym.train.checkpoints import Progress
 from guided_gym.train.policies import ABSENT, PerNode
 from guided_gym.train.reinforcement import ReinforcementConfig, Tensors, Trainee, train
 from guided_gym.train.specs import package_version
+from guided_gym.train.terminal import Progress
 
 _COLUMNS = len(ScorerColumn) + 1  # and what is taken from the score
 _MOST = 1e4  # no column of the scorer is negative, and none that large

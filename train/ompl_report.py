@@ -12,7 +12,6 @@ import math
 import time
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import asdict, dataclass, replace
-from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
 
@@ -31,6 +30,7 @@ from guided_gym.train.results import Results
 from guided_gym.train.specs import GuidanceSpec, code_fingerprint
 from guided_gym.train.statistics import bootstrap, significant, wilson
 from guided_gym.train.table import save, save_records, summarise
+from guided_gym.train.terminal import Progress, named
 from guided_gym.trajectories import path_length
 
 if TYPE_CHECKING:
@@ -48,8 +48,6 @@ MOMENTS: Final = (0.03, 0.1, 0.3, 1.0)  # seconds at which lengths are compared
 TIMED: Final = ("Cup", "TrapCup")  # on which they are
 TIMED_SEEDS: Final = 16
 UNWATCHED_FILE: Final = "unwatched.jsonl"
-
-Progress = Callable[[int, int, str], None]
 
 
 @dataclass(frozen=True)
@@ -131,8 +129,9 @@ def ompl_report(
         for environment in environments
         for name in (*ours(environment), *(f"ompl:{expression(environment, name)}" for name in planners))
     ]
-    say = (lambda what: None) if progress is None else (lambda what: partial(_named, progress, what))
-    results = run_plans(plans, seeds=wanted, workers=doing, out=folder, progress=say("Watching OMPL"))
+    results = run_plans(
+        plans, seeds=wanted, workers=doing, out=folder, progress=named(progress, "Watching OMPL")
+    )
     tasks = [
         (environment, planner, resolution, seed)
         for environment in environments
@@ -140,9 +139,9 @@ def ompl_report(
         for resolution in ((0.0,) if planner in ours(environment) else RESOLUTIONS)
         for seed in wanted
     ]
-    unwatched = _all_unwatched(tasks, folder / UNWATCHED_FILE, doing, say("OMPL by itself"))
+    unwatched = _all_unwatched(tasks, folder / UNWATCHED_FILE, doing, named(progress, "OMPL by itself"))
     timed = [name for name in TIMED if name in environments]
-    lengths = _lengths(timed, wanted[:TIMED_SEEDS], say("Lengths over time"))
+    lengths = _lengths(timed, wanted[:TIMED_SEEDS], named(progress, "Lengths over time"))
     return OmplReport(results, unwatched, lengths)
 
 
@@ -154,10 +153,6 @@ def ours(environment: str) -> tuple[str, ...]:
 def expression(environment: str, planner: str) -> str:
     """The expression for a planner of OMPL on an environment."""
     return f"{planner}(angles=cut)" if environment == ARM and planner in CUT else planner
-
-
-def _named(progress: Progress, what: str, done: int, total: int) -> None:
-    progress(done, total, what)
 
 
 def _all_unwatched(

@@ -31,9 +31,10 @@ from guided_gym.guidance.base import GuidingSpace
 from guided_gym.guidance.learned import weights
 from guided_gym.options import checked_samples
 from guided_gym.randomness import seed_of
-from guided_gym.train.checkpoints import Progress, RunFolder, check_board
+from guided_gym.train.checkpoints import RunFolder, check_board
 from guided_gym.train.imitation import checked_device
 from guided_gym.train.staged import moments_of, put_moments
+from guided_gym.train.terminal import Progress
 from guided_gym.train.validation import rank, validated
 
 Tensors = dict[str, NDArray[Any]]

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -28,6 +27,7 @@ from guided_gym.train.paths import build_path_database
 from guided_gym.train.results import RESULTS_FILE, Results
 from guided_gym.train.specs import DATABASE_GUIDANCE, GuidanceSpec
 from guided_gym.train.table import rich_tables, save, save_records, summarise
+from guided_gym.train.terminal import Progress, named
 
 if TYPE_CHECKING:
     from rich.table import Table
@@ -42,9 +42,6 @@ HOW = (
     "Differences of paired seeds and shares with 95 % intervals. Holds, or does not hold: the whole interval "
     "lies on that side; open: it does not."
 )
-
-Progress = Callable[[int, int, str], None]
-"""Called with (done, total, what is going on)."""
 
 
 @dataclass(frozen=True)
@@ -98,7 +95,7 @@ def reproduce_arms(
     """Check the paper's claims on an arm (`guided_gym.train.arm_claims`); arguments as `reproduce`."""
     checked_seeds(seeds)
     plans = [Plan(ARM, GuidanceSpec(name)) for name in ARM_GUIDANCES]
-    results = run_plans(plans, seeds=seeds, workers=workers, out=out, progress=_named(progress, "Searching"))
+    results = run_plans(plans, seeds=seeds, workers=workers, out=out, progress=named(progress, "Searching"))
     asked = check_claims(results, arm_claims())
     return Report(results, asked, check_claims(results, own_checks(results, drawn=False)), plans)
 
@@ -133,20 +130,12 @@ def reproduce(
         database,
         DATABASE_SIZES[-1],
         workers=workers,
-        progress=_named(progress, "Building the path database"),
+        progress=named(progress, "Building the path database"),
     )
     plans = paper_plans(database, baselines)
-    results = run_plans(plans, seeds=seeds, workers=workers, out=out, progress=_named(progress, "Searching"))
+    results = run_plans(plans, seeds=seeds, workers=workers, out=out, progress=named(progress, "Searching"))
     checks = check_claims(results, own_checks(results))
     return Report(results, check_claims(results, paper_claims()), checks, plans)
-
-
-def _named(progress: Progress | None, what: str) -> Callable[[int, int], None] | None:
-    return None if progress is None else partial(_call, progress, what)
-
-
-def _call(progress: Progress, what: str, done: int, total: int) -> None:
-    progress(done, total, what)
 
 
 def claims_table(claims: list[ClaimResult], title: str) -> Table:

@@ -29,8 +29,9 @@ from guided_gym.guidance.learned.folders import agent_folder
 from guided_gym.guidance.learned.motion_agent import MOTION_KIND, MotionAgent
 from guided_gym.guidance.learned.motion_guidance import MotionGuidance
 from guided_gym.options import checked_samples
-from guided_gym.train.checkpoints import AGENT_FOLDER, Progress, RunFolder
+from guided_gym.train.checkpoints import AGENT_FOLDER, RunFolder
 from guided_gym.train.specs import package_version
+from guided_gym.train.terminal import Progress
 from guided_gym.train.validation import Found, rank, searched, validated
 
 _BEGIN: Final = {

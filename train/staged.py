@@ -31,8 +31,9 @@ from guided_gym.planning import proposer
 from guided_gym.randomness import seed_of, streams
 from guided_gym.search.search import Expansion, Search
 from guided_gym.train import networks
-from guided_gym.train.checkpoints import Progress, RunFolder
+from guided_gym.train.checkpoints import RunFolder
 from guided_gym.train.lessons import mixed_problem
+from guided_gym.train.terminal import Progress
 from guided_gym.train.validation import rank, validated
 
 Tensors = dict[str, NDArray[Any]]

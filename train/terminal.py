@@ -6,18 +6,22 @@ import contextlib
 import signal
 import sys
 from collections.abc import Callable, Iterator
+from functools import partial
 from pathlib import Path
 from time import monotonic
 from typing import TYPE_CHECKING, Final
 
 if TYPE_CHECKING:
     from rich.console import Console
-    from rich.progress import Progress
+    from rich.progress import Progress as Bars
 
 EXIT_INTERRUPTED: Final = 130
 EXIT_TERMINATED: Final = 143
 WIDE: Final = 140  # columns of a table in a file
 LINE_SECONDS: Final = 10.0  # between two lines of progress where no bar can be drawn
+
+Progress = Callable[[int, int, str], None]
+"""What a long job calls with (done, total, what is going on)."""
 
 
 class Terminated(KeyboardInterrupt):
@@ -125,7 +129,7 @@ def _bar(title: str, screen: Console) -> Iterator[Callable[[int, int, str], None
         _stop(bars)
 
 
-def _stop(bars: Progress) -> None:
+def _stop(bars: Bars) -> None:
     if bars.live.is_started:
         bars.stop()
 
@@ -142,3 +146,12 @@ def _lines(title: str) -> Iterator[Callable[[int, int, str], None]]:
 
     yield show
     lines.at_the_end(last)  # not after an error, which is the last line then
+
+
+def named(progress: Progress | None, what: str) -> Callable[[int, int], None] | None:
+    """One that is called with (done, total) alone, for a part of a job that has this name."""
+    return None if progress is None else partial(_call, progress, what)
+
+
+def _call(progress: Progress, what: str, done: int, total: int) -> None:
+    progress(done, total, what)
