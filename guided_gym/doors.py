@@ -23,7 +23,7 @@ import os
 import sys
 import types
 import typing
-from collections.abc import Callable, Mapping, Sequence, Set
+from collections.abc import Callable, Iterable, Mapping, Sequence, Set
 from pathlib import Path
 from typing import Any, Final, Literal, NamedTuple, ParamSpec, TypeVar, Union
 
@@ -39,6 +39,7 @@ C = TypeVar("C", bound=type)
 
 _MISFIT: Final = object()
 _MOST_BITS: Final = 1024  # of an integer: beyond all floats none is meant
+_OWN: Final = "_door_"  # begins the names that a door's body has beside the parameters
 
 Reader = Callable[[Any], Any]  # the value to hand on, or _MISFIT
 
@@ -59,40 +60,71 @@ class _Kind(NamedTuple):
 
 def door(call: Callable[P, R]) -> Callable[P, R]:
     """Hold the arguments of a function or method to their annotations, see the top of this module."""
-    code = call.__code__  # type: ignore[attr-defined]
-    names = code.co_varnames[: code.co_argcount]
-    # Place, name, classes and kind of each parameter to check.
-    checks: list[tuple[int, str, tuple[type, ...], _Kind]] | None = None
 
-    @functools.wraps(call)
-    def opened(*args: P.args, **kwargs: P.kwargs) -> R:
-        nonlocal checks
-        if checks is None:
-            places = {name: place for place, name in enumerate(names)}
-            early = {name: kind for name, kind in _kinds(call, False).items() if kind.classes}
-            checks = [
-                (places.get(name, sys.maxsize), name, kind.classes, kind) for name, kind in early.items()
-            ]
-        for place, name, classes, kind in checks:  # on the way of every step: nothing else is looked at
-            if place < len(args):
-                value: object = args[place]
-            elif name in kwargs:
-                value = kwargs[name]
-            else:
-                continue
-            if not isinstance(value, classes):
-                raise _refused(name, kind, value)
-        try:
-            return call(*args, **kwargs)
-        except GuidedGymError:
-            raise
-        except Exception as error:
-            read = _read(call, names, args, kwargs, error)
-            if read is None:
-                raise
-        return call(*read[0], **read[1])
+    def open_up() -> Callable[P, R]:
+        """Give the door a body of the function's own parameters: packing them would cost more than it does.
 
-    return opened
+        At the first call: only then all names of the annotations are known.
+        """
+        kinds = {name: kind for name, kind in _kinds(call, False).items() if kind.classes}
+        namespace.update({f"{_OWN}classes_{name}": kind.classes for name, kind in kinds.items()})
+        made: dict[str, Any] = {}
+        exec(_body(code, kinds), namespace, made)
+        opened.__defaults__ = call.__defaults__  # type: ignore[attr-defined]
+        opened.__kwdefaults__ = call.__kwdefaults__  # type: ignore[attr-defined]
+        opened.__code__ = made["opened"].__code__.replace(co_name=code.co_name, co_qualname=code.co_qualname)
+        return door_of
+
+    def refuse(name: str, value: object) -> None:
+        if value is not _defaults(call).get(name, _MISFIT):
+            raise _refused(name, _kinds(call, False)[name], value)
+
+    def read(args: list[Any], kwargs: dict[str, Any], error: Exception) -> Any:
+        return _read(call, code.co_varnames[: code.co_argcount], args, kwargs, error)
+
+    code: types.CodeType = call.__code__  # type: ignore[attr-defined]
+    own = {"call": call, "refuse": refuse, "read": read, "ours": GuidedGymError, "open_up": open_up}
+    namespace: dict[str, Any] = {_OWN + name: value for name, value in own.items()}
+    opened = types.FunctionType(_closed.__code__, namespace, code.co_name)
+    door_of = functools.wraps(call)(opened)
+    return door_of
+
+
+def _body(code: types.CodeType, checked: Iterable[str]) -> str:
+    """What a door does at each call, in Python: look at some arguments, and hand all on."""
+    count, only, keywords = code.co_argcount, code.co_posonlyargcount, code.co_kwonlyargcount
+    names = list(code.co_varnames)
+    plain, named, rest = names[:count], names[count : count + keywords], names[count + keywords :]
+    star = f"*{rest.pop(0)}" if code.co_flags & inspect.CO_VARARGS else ""
+    stars = f"**{rest.pop(0)}" if code.co_flags & inspect.CO_VARKEYWORDS else ""
+    before = [*plain[:only], "/", *plain[only:]] if only else plain
+    taken = [*before, star or ("*" if named else ""), *named, stars]
+    given = [*plain, star, *(f"{name}={name}" for name in named), stars]
+    args, kwargs = (
+        ", ".join(filter(None, [*plain, star])),
+        ", ".join(filter(None, [*(f"{name!r}: {name}" for name in named), stars])),
+    )
+    lines = [f"def opened({', '.join(filter(None, taken))}):"]
+    for name in (name for name in checked if name in (*plain, *named)):
+        lines.append(f"    if not isinstance({name}, {_OWN}classes_{name}):")
+        lines.append(f"        {_OWN}refuse({name!r}, {name})")
+    lines += [
+        "    try:",
+        f"        return {_OWN}call({', '.join(filter(None, given))})",
+        f"    except {_OWN}ours:",
+        "        raise",
+        f"    except Exception as {_OWN}error:",
+        f"        {_OWN}again = {_OWN}read([{args}], {{{kwargs}}}, {_OWN}error)",
+        f"        if {_OWN}again is None:",
+        "            raise",
+        f"    return {_OWN}call(*{_OWN}again[0], **{_OWN}again[1])",
+    ]
+    return "\n".join(lines)
+
+
+def _closed(*args: Any, **kwargs: Any) -> Any:
+    """The body of a door that nobody has come through yet."""
+    return _door_open_up()(*args, **kwargs)  # type: ignore[name-defined]  # noqa: F821
 
 
 def doors(cls: C) -> C:
@@ -114,6 +146,14 @@ def doors(cls: C) -> C:
     return cls
 
 
+def _defaults(call: Callable[..., Any]) -> dict[str, Any]:
+    """The defaults of parameters; those of a dataclass's fields may be of any kind."""
+    code = call.__code__  # type: ignore[attr-defined]
+    values = call.__defaults__ or ()  # type: ignore[attr-defined]
+    names = code.co_varnames[code.co_argcount - len(values) : code.co_argcount]
+    return {**dict(zip(names, values, strict=True)), **(call.__kwdefaults__ or {})}  # type: ignore[attr-defined]
+
+
 def _refused(name: str, kind: _Kind, value: object) -> InvalidInputError:
     return InvalidInputError(f"{name}: expected {kind.words}, got {shown(value)}")
 
@@ -130,12 +170,12 @@ def _read(
     Raises:
         InvalidInputError: One does not fit.
     """
-    kinds = _kinds(call, True)
+    kinds, defaults = _kinds(call, True), _defaults(call)
     changed = False
 
     def fitting(name: str, value: Any) -> Any:
         nonlocal changed
-        if name not in kinds:
+        if name not in kinds or value is defaults.get(name, _MISFIT):
             return value
         read = kinds[name].read(value)
         if read is _MISFIT:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
@@ -85,3 +86,42 @@ def test_doors__leaves_methods_that_take_nothing_as_they_are_and_holds_the_other
         Thing().drawn(rng=3)  # type: ignore[arg-type]
     with pytest.raises(InvalidInputError, match="count: expected an integer"):
         Thing().times({1})  # type: ignore[arg-type]
+
+
+def test_door__hands_on_parameters_of_every_kind_as_they_were_given() -> None:
+    @door
+    def given(a: int, /, b: int = 2, *more: int, rng: object = None, c: float = 4.0, **rest: object) -> Any:
+        if c < 0:
+            raise TypeError("c")
+        return a, b, more, rng, c, rest
+
+    for call in (given, given):  # the first call gives the door its body
+        assert call(1) == (1, 2, (), None, 4.0, {})
+        assert call(1, 3, 5, 7, rng=8, c=9.0, a=10) == (1, 3, (5, 7), 8, 9.0, {"a": 10})
+        assert call(1, c=1, b=6) == (1, 6, (), None, 1, {})
+        with pytest.raises(TypeError, match="positional argument"):
+            call()
+        with pytest.raises(TypeError, match="c"):
+            call(1, c=-1.0)
+        with pytest.raises(InvalidInputError, match="a: expected an integer, got 'x'"):
+            call("x", c=-1.0)
+    assert given.__name__ == "given"
+    assert given.__code__.co_qualname.endswith("given")
+
+
+def test_door__defaults_of_another_kind_are_the_functions_own() -> None:
+    @doors
+    @dataclass
+    class Holder:
+        generator: np.random.Generator = field(default_factory=np.random.default_rng)
+        number: float = "none"  # type: ignore[assignment]
+
+        def __post_init__(self) -> None:
+            if self.number == "none":
+                raise TypeError("theirs")
+
+    assert isinstance(Holder(number=1.0).generator, np.random.Generator)
+    with pytest.raises(TypeError, match="theirs"):
+        Holder()
+    with pytest.raises(InvalidInputError, match="generator: expected a numpy"):
+        Holder(3, 1.0)  # type: ignore[arg-type]
