@@ -5,6 +5,7 @@
 OTHER_PYTHON is the interpreter of an environment in which the other build is installed, such as one of an
 older commit. Each build runs the same measurement in a process of its own, `--rounds` times in turn; the
 least of its times counts. Searches and preparations meet each problem for the first time, as a user's do.
+Of each step of an environment, the least time by the clock over so many equal episodes counts.
 """
 
 from __future__ import annotations
@@ -21,6 +22,8 @@ SEARCHES = {
     "RandomPointMaze@test": ("lazy_prm", "hybrid"),
 }
 PREPARED = {"RandomClutter": ("wavefront",)}
+# What an action is: any node of the tree, or any guide.
+STEPS = {"TrapCup-v0": "node", "GuideSelection-v0": "guide"}
 BUILT = ("SimplePassage", "Cup", "Trap", "TrapCup", "RandomMaze", "RandomClutter")
 
 # Runs under either build, so it takes names that both have.
@@ -42,7 +45,23 @@ def build(problem):
     old, space = problem.environment, problem.space
     type(space)(space.robot, type(old)(old.bounds, old.obstacles))
 
-searches, prepared, built, count = json.loads(sys.argv[1])
+def stepped(name, kind, episodes, passes):
+    import gymnasium, numpy
+    env = gymnasium.make("guided_gym/" + name).unwrapped
+    def episode(seed):
+        env.reset(seed=seed)
+        rng, times, done = numpy.random.default_rng(seed), [], False
+        while not done:
+            action = int(rng.integers(2 if kind == "guide" else len(env.search.tree)))
+            began = time.perf_counter()
+            _, _, terminated, truncated, _ = env.step(action)
+            times.append(time.perf_counter() - began)
+            done = terminated or truncated
+        return times
+    least = [numpy.min([episode(seed) for _ in range(passes)], axis=0) for seed in range(episodes)]
+    return float(numpy.concatenate(least).mean())
+
+searches, prepared, built, steps, count = json.loads(sys.argv[1])
 out = {}
 for limit, rows in ((1000, searches), (1, prepared)):
     for name, guides in rows.items():
@@ -58,13 +77,16 @@ for name in built:
     problem = make_distribution(name).problem(0)
     build(problem)
     out[f"building, {name}"] = clocked(build, [problem] * 50)
+for name, kind in steps.items():
+    out[f"step, {name}"] = stepped(name, kind, 6, 8)
 print(json.dumps(out))
 """
 
 
 def measured(python: str, problems: int) -> dict[str, float]:
     """Seconds of processor time of each item, under one build."""
-    arguments = json.dumps([SEARCHES, PREPARED, BUILT, problems])
+    given = (SEARCHES, PREPARED, BUILT) if problems else ({}, {}, ())
+    arguments = json.dumps([*given, STEPS, problems])
     done = subprocess.run(
         [python, "-P", "-W", "ignore", "-c", PROBE, arguments],  # -P: not what lies in the current folder
         stdout=subprocess.PIPE,
@@ -79,7 +101,7 @@ def main() -> None:
     """Measure both, and print a table."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawTextHelpFormatter)
     parser.add_argument("python", type=Path, nargs="?", help="interpreter of the other build")
-    parser.add_argument("--problems", type=int, default=64)
+    parser.add_argument("--problems", type=int, default=64, help="0 for the steps alone")
     parser.add_argument("--rounds", type=int, default=3)
     parser.add_argument("--json", type=Path)
     options = parser.parse_args()
@@ -95,7 +117,7 @@ def main() -> None:
     print(f"{'':44} this ms  other ms  ratio")
     for item, seconds in best[0].items():
         other = best[1][item]
-        print(f"{item:44} {1e3 * seconds:7.2f} {1e3 * other:9.2f} {seconds / other:6.2f}")
+        print(f"{item:44} {1e3 * seconds:7.3f} {1e3 * other:9.3f} {seconds / other:6.2f}")
     if options.json:
         options.json.write_text(json.dumps({"this": best[0], "other": best[1]}, indent=2))
 
