@@ -19,6 +19,7 @@ from typing import Any, ClassVar, Final
 from guided_gym.checks import flag, number
 from guided_gym.guidance import composed
 from guided_gym.guidance.base import GuidingSpace
+from guided_gym.guidance.composed import AVOID, Lesson
 from guided_gym.guidance.learned import field, motion_agent, scored, scorer, weights
 from guided_gym.guidance.learned import rule as rules
 from guided_gym.guidance.learned.field import FieldArchitecture, FieldModel
@@ -46,7 +47,7 @@ _OF_MOTIONS: Final = tuple(  # what runs an agent that believes in motions
 )
 
 
-SELECTION: Final = ("scored", "detour", "expansion_penalty")
+SELECTION: Final = ("scored", "detour", "expansion_penalty", "reach", "factor")
 """Options of which a card may say what they are unless others are given."""
 
 
@@ -92,6 +93,8 @@ class LearnedGuidance(ScoredGuidance):
         failure_penalty: Nats that each failed expansion of a node takes from its logit; each child after the
             first takes more, so that nothing is tried in vain forever.
         expansion_penalty: What each expansion of a node adds to its h (natural lengths), without the scorer.
+        reach: How far around a failure the field gets costlier (natural lengths; see `Lesson`).
+        factor: How many times costlier.
         candidates: Members of N_C(v) that a proposal looks at; None for as many as the search's options say.
 
     Raises:
@@ -111,11 +114,14 @@ class LearnedGuidance(ScoredGuidance):
         temperature: float = 0.0,
         failure_penalty: float = 0.05,
         expansion_penalty: float = 0.1,
+        reach: float = AVOID.reach,
+        factor: float = AVOID.factor,
         candidates: int | None = None,
     ) -> None:
         self.agent = agent if isinstance(agent, LearnedAgent) else load_named(str(agent))
         super().__init__(
             Wave.of(self.agent.field),
+            lesson=Lesson(reach=reach, factor=factor),
             detour=detour,
             temperature=temperature,
             expansion_penalty=expansion_penalty,

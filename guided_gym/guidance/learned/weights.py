@@ -158,9 +158,11 @@ def selection_of(card: Mapping[str, Any], names: Collection[str]) -> dict[str, A
     if not isinstance(entry, dict) or not set(entry) <= set(names):
         raise StorageError(f"card: expected a selection of {', '.join(sorted(names))}, got {shown(entry)}")
     for name, value in entry.items():
-        numeric = isinstance(value, int | float) and math.isfinite(value) and value >= 0
+        least = 1 if name == "factor" else 0
+        numeric = isinstance(value, int | float) and math.isfinite(value) and value >= least
         if not (isinstance(value, bool) if name == "scored" else numeric and not isinstance(value, bool)):
-            raise StorageError(f"card: expected a number >= 0 as the selection's {name}, got {shown(value)}")
+            wanted = f"a number >= {least}"
+            raise StorageError(f"card: expected {wanted} as the selection's {name}, got {shown(value)}")
     return dict(entry)
 
 
