@@ -258,6 +258,9 @@ class Composed(GuidingSpace):
         ):
             return self.goal.copy()
         candidates = self.planner.candidates(q, self.candidates)
+        ahead = getattr(self.solver, "ahead", None)
+        if ahead is not None and untried and self.robot.keeps:  # the same again would fail again
+            candidates = np.vstack([candidates, ahead(self._state(q))])
         if self.query.doubts is not None:
             before = self.solver.looks
             origin, states = self._state(q), self.project(tree, candidates)

@@ -21,6 +21,7 @@ from guided_gym.guidance.solvers.paths import StoredPaths
 from guided_gym.guidance.solvers.plain import Straight
 from guided_gym.guidance.solvers.roadmap import Roadmap
 from guided_gym.guidance.solvers.searched import Searched
+from guided_gym.guidance.solvers.shortened import Shortened
 from guided_gym.guidance.solvers.skeleton import Skeleton
 from guided_gym.guidance.solvers.wave import Wave
 
@@ -68,6 +69,7 @@ SOLVERS: Final[dict[str, Callable[..., GuidingSpace]]] = {
     "straight": recipe(Straight, "The distance to the goal in (r', E'), obstacles ignored."),
     "exact": recipe(Exact, "The true cost-to-go in (r', E'), from the oracle."),
     "roadmap": recipe(Roadmap, "Shortest paths on a sampled roadmap in (r', E')."),
+    "shortened": recipe(Shortened, "The best way on a sampled roadmap in (r', E'), its detours cut off."),
     "skeleton": recipe(Skeleton, "Shortest paths along the medial axis of the workspace E'."),
     "wave": recipe(Wave, "When a wave from the goal arrives, on a grid of poses of r' in E'."),
     "paths": recipe(StoredPaths, "The lengths of stored paths of similar problems."),

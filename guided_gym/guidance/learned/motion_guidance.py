@@ -17,6 +17,7 @@ from guided_gym.guidance.learned.scored import ScoredGuidance, class_of
 from guided_gym.guidance.modifications import UNCHANGED, Inner, Predicted
 from guided_gym.guidance.solvers.estimated import Estimated
 from guided_gym.guidance.solvers.roadmap import Roadmap
+from guided_gym.guidance.solvers.shortened import Shortened
 from guided_gym.search.search import NO_NODE, Expansion
 
 if TYPE_CHECKING:
@@ -50,6 +51,7 @@ class MotionGuidance(ScoredGuidance):
         effort: What a failure costs, in lengths of the motion (see `Predicted`).
         checked: Vertices of that roadmap of the inner bodies, with as many neighbours and anchors. It is
             drawn, and checked for collision, only when it is needed. 0 for none: the network guides then.
+        shortened: Whether the best way on the roadmap is shortened, and followed (see `Shortened`).
         candidates: Members of N_C(v) that a proposal looks at; None for as many as the search's options say.
 
     Raises:
@@ -75,12 +77,14 @@ class MotionGuidance(ScoredGuidance):
         anchors: int = 12,
         effort: float = 1.0,
         checked: int = 8000,
+        shortened: bool = True,
         candidates: int | None = None,
     ) -> None:
         self.agent = agent if isinstance(agent, MotionAgent) else load_motion_agent(str(agent))
         if sees not in SIGHTS:
             raise InvalidInputError(f"sees: expected one of {', '.join(SIGHTS)}, got {sees!r}")
-        roadmap = Roadmap(vertices=vertices, neighbours=neighbours, anchors=anchors)
+        kind = Shortened if flag("shortened", shortened) else Roadmap
+        roadmap = kind(vertices=vertices, neighbours=neighbours, anchors=anchors)
         predicted = Predicted(self.agent.belief, effort=effort)
         alone = sees == "estimate"
         estimate = Composed(Estimated(self.agent)) if sees == "both" else None

@@ -54,7 +54,7 @@ class CostToGo(Protocol):
     """A solver: the value h of states of C', the length of the way that it sees from there to the goal.
 
     `begin` may be called any number of times, each time for a new search. Within a search costs only rise,
-    except where a solver that sees no way at all any more begins anew on a finer scale.
+    except where a solver that sees no way at all any more begins anew on a finer scale, or finds another way.
 
     Attributes:
         looks: Poses and motions that it has checked for collision since `begin`. What it finds by looking at

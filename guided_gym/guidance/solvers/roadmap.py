@@ -31,7 +31,8 @@ _DOUBTED_RENEWALS: Final = 3  # each asks about all its vertices anew; further o
 _VERTEX: Final = 300  # bytes of a vertex, its place in the index and in the tree of shortest paths included
 _EDGE: Final = 200  # of an edge: while the graph is built, and in the index of its segments
 _ANCHOR: Final = 40  # of an anchor, and its link back
-_LIKELY: Final = 0.5  # p(free) of a motion that is worth a sample
+LIKELY: Final = 0.5
+"""p(free) of a motion that is worth a sample."""
 _AROUND: Final = 12  # times as many vertices around candidates as each of them has anchors
 
 
@@ -189,7 +190,7 @@ class Roadmap(GraphCostToGo):
         """
         assert self.query.doubts is not None
         chances = self.query.doubts.likely(np.repeat(origin[None], len(states), axis=0), states)
-        likely = np.flatnonzero(chances >= _LIKELY)
+        likely = np.flatnonzero(chances >= LIKELY)
         chosen = int(np.argmax(chances))
         if likely.size and len(self.graph.points) > 1:
             near = np.ascontiguousarray(states[likely])
@@ -204,6 +205,10 @@ class Roadmap(GraphCostToGo):
         if doubts is not None:
             self.looks += doubts.looks - self._asked
             self._asked = doubts.looks
+
+    def _on_graph(self, states: Floats) -> Floats:
+        """(n,) cost-to-go of the nodes on the roadmap as it stands, whether they see a way or not."""
+        return super().follow(states)
 
     def _followed(self, states: Floats) -> Floats:
         h = super().follow(states)

@@ -43,6 +43,7 @@ SPACES: dict[str, dict] = {
     "straight": {},
     "exact": {},
     "roadmap": {"vertices": 300},
+    "shortened": {"vertices": 300},
     "skeleton": {"robot": "point"},
     "wave": {},
     "paths": {},  # likewise

@@ -38,6 +38,7 @@ NAMES = [
     "straight",
     "exact",
     "roadmap",
+    "shortened",
     "skeleton",
     "wave",
     "paths",

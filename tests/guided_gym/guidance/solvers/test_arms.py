@@ -19,6 +19,7 @@ SOLVERS = {
     "straight": "straight",
     "exact": "exact",
     "roadmap": "roadmap(vertices=300)",
+    "shortened": "shortened(vertices=300)",
     "skeleton": "skeleton",
     "wave": "wave(cells=32, headings=8)",
     "paths": "paths",

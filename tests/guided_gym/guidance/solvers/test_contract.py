@@ -27,6 +27,7 @@ SOLVERS: dict[str, dict[str, Any]] = {
     "straight": {},
     "exact": {},
     "roadmap": {"vertices": 300},
+    "shortened": {"vertices": 300},
     "skeleton": {},
     "wave": {"cells": 32, "headings": 8},
     "paths": {"by": "task"},
@@ -46,6 +47,7 @@ MODIFIED = [
 ]
 FLAT = ("skeleton",)  # takes two dimensions
 UNMOVED = ("straight", "exact")  # nothing raises their costs
+ROADMAPS = ("roadmap", "shortened")  # take planes through C, and lazy ones give way to finer ones
 
 
 def posed() -> Problem:
@@ -60,7 +62,7 @@ def cases() -> Iterator[Any]:
         for modified in MODIFIED:
             flat = "robot" in modified
             plane = modified.get("robot") == "subset([0, 2])"
-            if (name in FLAT and not flat) or (name == "paths" and flat) or (plane and name != "roadmap"):
+            if (name in FLAT and not flat) or (name == "paths" and flat) or (plane and name not in ROADMAPS):
                 continue
             label = ",".join(f"{k}={v}" for k, v in modified.items()) or "same"
             yield pytest.param(name, modified, id=f"{name}-{label}")
@@ -140,6 +142,8 @@ def test_costs__have_shapes_and_signs_and_only_rise(name: str, modified: dict[st
     for state, reach, factor in lessons(query, 12):
         solver.raise_near(state, reach, factor)
         after, now = np.array(solver.follow(q)), np.array(solver(asked))
+        if name == "shortened":  # another way may be better than the one that it has lost
+            before, apart = query.space.distance(q, query.goal), query.space.distance(asked, query.goal)
         assert (after >= before - 1e-9 * np.abs(np.where(np.isfinite(before), before, 1))).all()
         assert (now >= apart - 1e-9 * np.abs(np.where(np.isfinite(apart), apart, 1))).all()
         raised += (after > before + 1e-9).any() or (now > apart + 1e-9).any()
@@ -151,6 +155,8 @@ def test_costs__have_shapes_and_signs_and_only_rise(name: str, modified: dict[st
 def test_follow__agrees_with_one_that_sees_all_at_once(name: str, modified: dict[str, Any]) -> None:
     if name == "wave":
         pytest.skip("the wave runs again only after some rises, by design: see its own tests")
+    if name == "shortened":
+        pytest.skip("chords are drawn at random where a way is laid, which depends on what was asked")
     solver, query = begun(name, modified)
     q = nodes(query, 40)
     taught = lessons(query, 8)
@@ -178,7 +184,7 @@ def test_forbidding__everything_leaves_no_way(name: str, modified: dict[str, Any
         assert np.array_equal(before, after)
     elif name == "wave":  # jumps over what is forbidden, at a price
         assert (after >= before - 1e-6 * before).all() and (after > before).any()
-    elif modified.get("environment") == "nothing" and name == "roadmap":
+    elif modified.get("environment") == "nothing" and name in ROADMAPS:
         pass  # a lazy roadmap gives way to a finer one, where it all holds within half the reach
     else:
         assert np.isinf(after).all()
@@ -220,7 +226,7 @@ def test_looks__are_counted_by_the_search(name: str, modified: dict[str, Any]) -
     solver = guidance.solver
     assert solver.looks >= 0
     assert result.collision_checks >= result.samples + solver.looks
-    validated = name == "roadmap" and modified.get("environment") != "nothing"
+    validated = name in ROADMAPS and modified.get("environment") != "nothing"
     assert (solver.looks > 0) == (validated or name in ("paths", "searched", "wave"))
 
 
@@ -250,7 +256,7 @@ def test_no_way__is_infinite(closed: Problem, name: str, robot: str) -> None:
 def test_planes__are_refused_by_those_who_need_a_body(name: str) -> None:
     problem = posed()
     guidance = made(name, {"robot": "subset([0, 2])"})
-    if name in ("straight", "roadmap"):
+    if name in ("straight", *ROADMAPS):
         result = guided_search(problem, guidance, seed=0, max_samples=20, measure=False)
         assert result.solved or result.samples == 20
         return
