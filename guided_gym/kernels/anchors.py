@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 from guided_gym.kernels.collision import Geometry, pose_clearance
 from guided_gym.kernels.metric import Metric, placed, segment_separation, separation, shortest
 from guided_gym.kernels.nearest import State, k_nearest, within
+from guided_gym.kernels.plain import borrowing
 from guided_gym.kernels.segments import ROUNDING
 
 Floats = NDArray[np.float64]
@@ -52,7 +53,7 @@ def anchored_values_of(
     return out
 
 
-@njit(cache=True)
+@borrowing
 def _apart(a: Floats, i: int, b: Floats, j: int, weights: Floats, periods: Floats) -> float:
     """`separation` of row i of a and row j of b; a view of each row would cost more than the distance."""
     total = 0.0
@@ -64,7 +65,7 @@ def _apart(a: Floats, i: int, b: Floats, j: int, weights: Floats, periods: Float
     return np.sqrt(total)
 
 
-@njit(cache=True)
+@borrowing
 def _charged(
     length: float,
     q: Floats,
@@ -272,7 +273,7 @@ def segments_touched(tails: Floats, heads: Floats, q: Floats, reach: float, metr
     return out[:count]
 
 
-@njit(cache=True)
+@borrowing
 def link_anchors(
     vertices: Int32s, first: int, last: int, head: Int32s, node_of: Int32s, following: Int32s, count: int
 ) -> int:
@@ -299,7 +300,7 @@ def link_anchors(
     return count
 
 
-@njit(cache=True)
+@borrowing
 def enter_anchors(
     held: Anchored, fresh: Anchored, first: int, lists: tuple[Int32s, Int32s, Int32s], count: int
 ) -> tuple[int, float]:
@@ -349,7 +350,7 @@ def linked_nodes(changed: Ints, head: Int32s, node_of: Int32s, following: Int32s
     return np.nonzero(marked)[0]
 
 
-@njit(cache=True)
+@borrowing
 def _segment_squared(q: Floats, tails: Floats, heads: Floats, e: int) -> tuple[float, float]:
     """Fraction along a segment of its point nearest to q, and the square of the distance to that."""
     ux, uy = heads[e, 0] - tails[e, 0], heads[e, 1] - tails[e, 1]

@@ -18,6 +18,7 @@ from numba import njit
 from numpy.typing import NDArray
 
 from guided_gym.kernels.metric import Metric, shortest
+from guided_gym.kernels.plain import borrowing
 
 Floats = NDArray[np.float64]
 Field = NDArray[np.float32]
@@ -68,7 +69,7 @@ class Net(NamedTuple):
     offset: float
 
 
-@njit(cache=True)
+@borrowing
 def _distance(raster: Field, frame: tuple[float, float, float], x: float, y: float) -> float:
     """The raster between its samples, bilinear; at the nearest border beyond it."""
     most = raster.shape[0] - 1.001
@@ -81,7 +82,7 @@ def _distance(raster: Field, frame: tuple[float, float, float], x: float, y: flo
     return low * (1.0 - v) + high * v
 
 
-@njit(cache=True)
+@borrowing
 def _look(q: Floats, scene: Scene, places: Floats, rooms: Floats, state: Floats) -> None:
     """Where the points are at q, (p, 2), and the room of each body and of the robot beside itself (b + 1,).
 
@@ -116,7 +117,7 @@ def _look(q: Floats, scene: Scene, places: Floats, rooms: Floats, state: Floats)
     rooms[-1] = max(own, -far)
 
 
-@njit(cache=True)
+@borrowing
 def _own_room(scene: Scene, places: Floats, one: int, two: int, own: float) -> float:
     """The room between two bodies, if it is less than ``own``; else that."""
     first, last, first2, last2 = (
@@ -136,7 +137,7 @@ def _own_room(scene: Scene, places: Floats, one: int, two: int, own: float) -> f
     return own
 
 
-@njit(cache=True)
+@borrowing
 def _columns(scene: Scene, before: tuple[Floats, Floats], after: tuple[Floats, Floats], out: Floats) -> None:
     """(b + 1, COLUMNS) what the network sees of each body between two configurations, and of all of them."""
     (places, rooms), (places2, rooms2) = before, after
@@ -155,7 +156,7 @@ def _columns(scene: Scene, before: tuple[Floats, Floats], after: tuple[Floats, F
         out[b, 1] = max(rooms[b], rooms2[b]) / scene.unit
 
 
-@njit(cache=True)
+@borrowing
 def parts_of(a: Floats, b: Floats, spacing: float, metric: Metric) -> int:
     """Into how many parts the motion from a to b is divided; none for a configuration."""
     total = 0.0
@@ -165,7 +166,7 @@ def parts_of(a: Floats, b: Floats, spacing: float, metric: Metric) -> int:
     return math.ceil(math.sqrt(total) / spacing)
 
 
-@njit(cache=True)
+@borrowing
 def _log_free(columns: Floats, net: Net) -> float:
     """Sum of the log probabilities of the rows being free; those with much room count as free."""
     total = 0.0

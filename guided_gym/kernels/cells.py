@@ -4,16 +4,16 @@
 from __future__ import annotations
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
 from guided_gym.kernels.metric import Metric, separation
+from guided_gym.kernels.plain import borrowing
 
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
 
 
-@njit(cache=True)
+@borrowing
 def assign_cells(
     samples: Floats,
     nodes: Floats,

@@ -40,7 +40,7 @@ import numpy.typing as npt
 from numba import njit
 
 from guided_gym.kernels.foreign import CLEARANCE, FRACTION, POSE_FREE, TOOL_X, TOOL_Y, WHOLE, call
-from guided_gym.kernels.plain import NO, YES, ZERO
+from guided_gym.kernels.plain import NO, YES, ZERO, borrowing
 
 FloatArray = npt.NDArray[np.float64]
 IntArray = npt.NDArray[np.int64]
@@ -61,7 +61,7 @@ _MAX_COORDINATE = 1e12
 _MAX_ANGLE = 1e4
 
 
-@njit(cache=True)
+@borrowing
 def next_run(
     numbers: FloatArray, index: IntArray, node: int, x: float, y: float, dx: float, dy: float, reach: float
 ) -> tuple[int, int, int]:
@@ -96,7 +96,7 @@ def next_run(
     return 0, 0, node
 
 
-@njit(cache=True)
+@borrowing
 def _disc_clear(
     numbers: FloatArray, index: IntArray, o: int, x: float, y: float, dx: float, dy: float, reach: float
 ) -> bool:
@@ -109,7 +109,7 @@ def _disc_clear(
     return False
 
 
-@njit(cache=True)
+@borrowing
 def _separated(
     numbers: FloatArray, index: IntArray, r: int, o: int, x: float, y: float, c: float, s: float
 ) -> bool:
@@ -149,7 +149,7 @@ def _separated(
     return ux * x + uy * y - offset + lowest > tolerance
 
 
-@njit(cache=True)
+@borrowing
 def _to_segment(px: float, py: float, ax: float, ay: float, bx: float, by: float) -> tuple[float, float]:
     """The shortest way from the segment a-b to the point p."""
     ux, uy, wx, wy = bx - ax, by - ay, px - ax, py - ay
@@ -158,7 +158,7 @@ def _to_segment(px: float, py: float, ax: float, ay: float, bx: float, by: float
     return wx - t * ux, wy - t * uy
 
 
-@njit(cache=True)
+@borrowing
 def _way_across(
     numbers: FloatArray, index: IntArray, r: int, o: int, x: float, y: float, c: float, s: float
 ) -> tuple[float, float]:
@@ -182,7 +182,7 @@ def _way_across(
     return wx, wy
 
 
-@njit(cache=True)
+@borrowing
 def _axis_across(
     numbers: FloatArray, index: IntArray, r: int, o: int, x: float, y: float, c: float, s: float
 ) -> tuple[float, float, float]:
@@ -197,7 +197,7 @@ def _axis_across(
     return ux, uy, offset
 
 
-@njit(cache=True)
+@borrowing
 def _pieces_met(
     numbers: FloatArray, index: IntArray, xmin: float, ymin: float, xmax: float, ymax: float
 ) -> int:
@@ -210,7 +210,7 @@ def _pieces_met(
     return n - 4 if inside else n
 
 
-@njit(cache=True)
+@borrowing
 def _pose_free(numbers: FloatArray, index: IntArray, x: float, y: float, theta: float) -> bool:
     x, y = x - numbers[3], y - numbers[4]
     # NaN and infinity fail this comparison, whatever the culling below makes of them.
@@ -247,7 +247,7 @@ def _pose_free(numbers: FloatArray, index: IntArray, x: float, y: float, theta: 
     return True
 
 
-@njit(cache=True)
+@borrowing
 def pose_free(q: FloatArray, geometry: Geometry) -> bool:
     """Whether the pose q, (x, y) or (x, y, theta), is free (not if non-finite or turned by over 1e4)."""
     if geometry[1][ENTRY] != 0:
@@ -269,7 +269,7 @@ def poses_free(qs: FloatArray, geometry: Geometry) -> BoolArray:
     return free
 
 
-@njit(cache=True)
+@borrowing
 def position(q: FloatArray, geometry: Geometry) -> tuple[float, float]:
     """Where the robot is in the workspace: its reference point, or its tool."""
     entry = geometry[1][ENTRY]
@@ -279,7 +279,7 @@ def position(q: FloatArray, geometry: Geometry) -> tuple[float, float]:
     return q[0], q[1]
 
 
-@njit(cache=True)
+@borrowing
 def _first_root(gap: float, rate: float, bend: float) -> float:
     """Smallest positive root of gap + rate t - bend t^2, for gap > 0 and bend >= 0, without cancellation."""
     root = math.sqrt(rate * rate + 4.0 * bend * gap)
@@ -288,7 +288,7 @@ def _first_root(gap: float, rate: float, bend: float) -> float:
     return 2.0 * gap / (root - rate)
 
 
-@njit(cache=True)
+@borrowing
 def _obstacle_axes_step(
     numbers: FloatArray,
     index: IntArray,
@@ -339,7 +339,7 @@ def _obstacle_axes_step(
     return best
 
 
-@njit(cache=True)
+@borrowing
 def _robot_axes_step(
     numbers: FloatArray,
     index: IntArray,
@@ -393,7 +393,7 @@ def _robot_axes_step(
     return best
 
 
-@njit(cache=True)
+@borrowing
 def _pair_fraction(
     numbers: FloatArray,
     index: IntArray,
@@ -427,7 +427,7 @@ def _pair_fraction(
     return t
 
 
-@njit(cache=True)
+@borrowing
 def _axis_step(
     numbers: FloatArray,
     index: IntArray,
@@ -459,7 +459,7 @@ def _axis_step(
     return step
 
 
-@njit(cache=True)
+@borrowing
 def _tip_fraction(
     numbers: FloatArray,
     index: IntArray,
@@ -498,7 +498,7 @@ def _tip_fraction(
     return t
 
 
-@njit(cache=True)
+@borrowing
 def _motion_fraction(
     numbers: FloatArray,
     index: IntArray,
@@ -548,7 +548,7 @@ def _motion_fraction(
     return fraction
 
 
-@njit(cache=True)
+@borrowing
 def _turn(a: FloatArray, b: FloatArray) -> float:
     """The short way from a's angle to b's, exactly antisymmetric; half a turn keeps the sign of b - a."""
     if a.shape[0] < 3:
@@ -561,7 +561,7 @@ def _turn(a: FloatArray, b: FloatArray) -> float:
     return turn - 2.0 * math.pi * np.rint(turn / (2.0 * math.pi))
 
 
-@njit(cache=True)
+@borrowing
 def _ordered(a: FloatArray, b: FloatArray) -> bool:
     for i in range(a.shape[0]):
         if a[i] != b[i]:
@@ -569,7 +569,7 @@ def _ordered(a: FloatArray, b: FloatArray) -> bool:
     return True
 
 
-@njit(cache=True)
+@borrowing
 def motion_fraction(a: FloatArray, b: FloatArray, geometry: Geometry) -> float:
     """Certified free fraction of the straight motion a -> b: every pose up to it is free; 1.0 = all of it.
 
@@ -583,7 +583,7 @@ def motion_fraction(a: FloatArray, b: FloatArray, geometry: Geometry) -> float:
     )
 
 
-@njit(cache=True)
+@borrowing
 def motion_free(a: FloatArray, b: FloatArray, geometry: Geometry) -> bool:
     """Whether the straight motion between a and b is certified free: never wrongly True, and symmetric.
 
@@ -621,7 +621,7 @@ def motion_fractions(starts: FloatArray, ends: FloatArray, geometry: Geometry) -
     return fractions
 
 
-@njit(cache=True)
+@borrowing
 def _point_segment_squared(px: float, py: float, ax: float, ay: float, bx: float, by: float) -> float:
     ux, uy, wx, wy = bx - ax, by - ay, px - ax, py - ay
     length = ux * ux + uy * uy
@@ -630,7 +630,7 @@ def _point_segment_squared(px: float, py: float, ax: float, ay: float, bx: float
     return ex * ex + ey * ey
 
 
-@njit(cache=True)
+@borrowing
 def _pair_distance(
     numbers: FloatArray, index: IntArray, r: int, o: int, x: float, y: float, c: float, s: float
 ) -> float:
@@ -659,7 +659,7 @@ def _pair_distance(
     return math.sqrt(smallest)
 
 
-@njit(cache=True)
+@borrowing
 def _box_squared(numbers: FloatArray, b: int, x: float, y: float) -> float:
     """Squared distance from a point to a box."""
     gap_x = max(numbers[b] - x, x - numbers[b + 2], 0.0)
@@ -667,7 +667,7 @@ def _box_squared(numbers: FloatArray, b: int, x: float, y: float) -> float:
     return gap_x * gap_x + gap_y * gap_y
 
 
-@njit(cache=True)
+@borrowing
 def _run_distance(
     numbers: FloatArray,
     index: IntArray,
@@ -694,7 +694,7 @@ def _run_distance(
     return smallest
 
 
-@njit(cache=True)
+@borrowing
 def _tree_distance(
     numbers: FloatArray, index: IntArray, x: float, y: float, c: float, s: float, smallest: float
 ) -> float:
@@ -721,7 +721,7 @@ def _tree_distance(
     return smallest
 
 
-@njit(cache=True)
+@borrowing
 def _pose_clearance(numbers: FloatArray, index: IntArray, x: float, y: float, theta: float) -> float:
     if not _pose_free(numbers, index, x, y, theta):
         return 0.0
@@ -731,7 +731,7 @@ def _pose_clearance(numbers: FloatArray, index: IntArray, x: float, y: float, th
     return _tree_distance(numbers, index, x, y, c, s, smallest) if index[3] > 0 else smallest
 
 
-@njit(cache=True)
+@borrowing
 def pose_clearance(q: FloatArray, geometry: Geometry) -> float:
     """Distance from the robot at pose q to the nearest obstacle or bound; 0.0 where the pose is not free."""
     if geometry[1][ENTRY] != 0:

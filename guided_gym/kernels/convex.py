@@ -12,7 +12,7 @@ import numpy as np
 import numpy.typing as npt
 from numba import njit
 
-from guided_gym.kernels.plain import ZERO
+from guided_gym.kernels.plain import ZERO, borrowing
 
 FloatArray = npt.NDArray[np.float64]
 IntArray = npt.NDArray[np.int64]
@@ -25,7 +25,7 @@ _MANY_DIAGONALS = 16
 """Beyond this many diagonals, fewer orders of dropping them are tried."""
 
 
-@njit(cache=True)
+@borrowing
 def _corner_sine(xy: FloatArray, p: int, q: int, r: int) -> float:
     """Sine of the left turn at vertex q on the way from p to r."""
     ux, uy = xy[q, 0] - xy[p, 0], xy[q, 1] - xy[p, 1]
@@ -34,7 +34,7 @@ def _corner_sine(xy: FloatArray, p: int, q: int, r: int) -> float:
     return (ux * vy - uy * vx) / lengths if lengths > 0.0 else 0.0
 
 
-@njit(cache=True)
+@borrowing
 def _emit(xy: FloatArray, ring: IntArray, n: int, out: FloatArray, at: int) -> int:
     """Write a ring of vertices without its collinear ones into `out`; return how many there are."""
     m = at
@@ -51,7 +51,7 @@ def _emit(xy: FloatArray, ring: IntArray, n: int, out: FloatArray, at: int) -> i
     return n
 
 
-@njit(cache=True)
+@borrowing
 def _turns_left(xy: FloatArray, first: int, n: int) -> bool:
     """Whether the ring of n vertices from `first` is convex and counter-clockwise, up to rounding."""
     for k in range(n):
@@ -99,7 +99,7 @@ def convex_rings(xy: FloatArray, ends: IntArray) -> tuple[FloatArray, IntArray]:
     return out[:at], sizes
 
 
-@njit(cache=True)
+@borrowing
 def _find(owner: IntArray, i: int) -> int:
     while owner[i] != i:
         owner[i] = owner[owner[i]]
@@ -107,7 +107,7 @@ def _find(owner: IntArray, i: int) -> int:
     return i
 
 
-@njit(cache=True)
+@borrowing
 def _drop_diagonals(
     xy: FloatArray,
     triangles: tuple[int, int],

@@ -21,7 +21,7 @@ from guided_gym.kernels.collision import (
     _motion_fraction,
 )
 from guided_gym.kernels.eikonal import LINK_THETA, LINK_X, LINK_Y, PAD, IndexArray, LinkArray
-from guided_gym.kernels.plain import ONE, YES, ZERO
+from guided_gym.kernels.plain import ONE, YES, ZERO, borrowing
 
 FloatArray = npt.NDArray[np.float64]
 
@@ -50,7 +50,7 @@ LENT = 0.35
 of 64 x 64 were 0.70, 0.66, 0.64 and 0.68 % with 0.05, 0.2, 0.35 and 0.5, and 0.88 % with nothing lent."""
 
 
-@njit(cache=True)
+@borrowing
 def inradius(geometry: Geometry) -> float:
     """Radius of a disc about the reference point that the robot covers at every angle; 0 if there is none."""
     numbers, index = geometry
@@ -65,7 +65,7 @@ def inradius(geometry: Geometry) -> float:
     return best
 
 
-@njit(cache=True)
+@borrowing
 def _blocked_region(
     geometry: Geometry, r: int, o: int, theta: float, inflation: float, planes: FloatArray
 ) -> int:
@@ -108,7 +108,7 @@ def _blocked_region(
     return count
 
 
-@njit(cache=True)
+@borrowing
 def _span(planes: FloatArray, count: int, axis: int, at: float) -> tuple[float, float]:
     """The part of the line that runs along `axis`, at `at` on the other axis, that lies in a region."""
     low, high = -np.inf, np.inf
@@ -124,7 +124,7 @@ def _span(planes: FloatArray, count: int, axis: int, at: float) -> tuple[float, 
     return low, high
 
 
-@njit(cache=True)
+@borrowing
 def _lines(low: float, high: float, origin: float, step: float, count: int) -> tuple[int, int]:
     """Numbers (first, end) of the grid lines between two coordinates."""
     first = math.ceil(max(0.0, min(float(count), (low - origin) / step)))
@@ -132,7 +132,7 @@ def _lines(low: float, high: float, origin: float, step: float, count: int) -> t
     return int(first), int(end)
 
 
-@njit(cache=True)
+@borrowing
 def _cut(
     frame: FloatArray,
     links: LinkArray,
@@ -172,7 +172,7 @@ def _cut(
             denied[origin + (end - 1) * stride] |= np.uint8(1 << (2 * axis + 1))
 
 
-@njit(cache=True)
+@borrowing
 def _cut_turns(
     frame: FloatArray, links: LinkArray, planes: FloatArray, count: int, column: int, k: int
 ) -> None:
@@ -185,7 +185,7 @@ def _cut_turns(
         links[origin + j * nt] &= ~np.uint8(LINK_THETA)
 
 
-@njit(cache=True)
+@borrowing
 def _most_axes(index: IndexArray) -> int:
     """Axes that a robot piece and an obstacle piece have together, at most."""
     middle, end = HEADER + ROW * index[0], HEADER + ROW * (index[0] + index[1])
@@ -248,7 +248,7 @@ def draw_obstacles(geometry: Geometry, frame: FloatArray) -> tuple[LinkArray, Li
     return links, denied
 
 
-@njit(cache=True)
+@borrowing
 def along(frame: FloatArray, v: int, axis: int, sense: int) -> int:
     """The vertex next to v along an axis, in the sense +1 or -1; the angle wraps."""
     nt = int(frame[COUNT_THETA])
@@ -302,7 +302,7 @@ def certify_links(geometry: Geometry, frame: FloatArray, links: LinkArray, denie
     return claims
 
 
-@njit(cache=True)
+@borrowing
 def _certify_turns(
     geometry: Geometry, frame: FloatArray, links: LinkArray, claims: LinkArray, first: int, x: float, y: float
 ) -> None:
@@ -328,13 +328,13 @@ def _certify_turns(
                 claims[v] |= np.uint8(1 << 5)
 
 
-@njit(cache=True)
+@borrowing
 def _linked(links: LinkArray, v: int, w: int, axis: int, sense: int) -> bool:
     """Whether v and its neighbour w along an axis, in the sense +1 or -1, are linked."""
     return bool(links[v if sense > 0 else w] & (1 << axis))
 
 
-@njit(cache=True)
+@borrowing
 def round_boundary(frame: FloatArray, links: LinkArray, claims: LinkArray, claimed: IndexArray) -> None:
     """Move the boundary of the free space to about the nearest vertices, not always to the inner ones.
 
@@ -370,7 +370,7 @@ def round_boundary(frame: FloatArray, links: LinkArray, claims: LinkArray, claim
                 links[w if t & 1 else along(frame, w, t >> 1, int(-ONE))] |= 1 << (t >> 1)
 
 
-@njit(cache=True)
+@borrowing
 def _one_side(frame: FloatArray, links: LinkArray, claim: int, w: int, axes: int) -> bool:
     """Whether the vertices that claim w are joined with each other by links around it."""
     joined, grown = claim & -claim, True
@@ -390,7 +390,7 @@ def _one_side(frame: FloatArray, links: LinkArray, claim: int, w: int, axes: int
     return joined == claim
 
 
-@njit(cache=True)
+@borrowing
 def wrapped(angle: float) -> float:
     """The angle in [-pi, pi)."""
     return angle - 2.0 * math.pi * math.floor((angle + math.pi) / (2.0 * math.pi))

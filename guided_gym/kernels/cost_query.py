@@ -35,7 +35,7 @@ from guided_gym.kernels.cost_grid import (
 )
 from guided_gym.kernels.eikonal import LINK_THETA, LINK_X, LINK_Y, PAD, FieldArray, LinkArray
 from guided_gym.kernels.metric import Metric, placed, separation
-from guided_gym.kernels.plain import NO, ONE, YES, copy_row, where_least
+from guided_gym.kernels.plain import NO, ONE, YES, borrowing, copy_row, where_least
 
 FloatArray = npt.NDArray[np.float64]
 OracleState = tuple[FieldArray, LinkArray, FloatArray, Geometry]
@@ -49,7 +49,7 @@ _OPEN_CELL = 128
 """Bit that no link has: all edges of a cell are links."""
 
 
-@njit(cache=True)
+@borrowing
 def _goal_distance(frame: FloatArray, x: float, y: float, theta: float) -> float:
     """Distance of the metric to the goal, obstacles left out."""
     dx, dy = frame[GOAL] - x, frame[GOAL + 1] - y
@@ -180,7 +180,7 @@ def step_down(
     return np.inf
 
 
-@njit(cache=True)
+@borrowing
 def _open_bits(links: LinkArray, v: int, row: int, column: int, above: int) -> int:
     """0 unless all twelve edges of a cell are links; the bits of its corners in common otherwise."""
     a, b, c, d = links[v], links[v + column], links[v + row], links[v + column + row]
@@ -191,7 +191,7 @@ def _open_bits(links: LinkArray, v: int, row: int, column: int, above: int) -> i
     return 0
 
 
-@njit(cache=True)
+@borrowing
 def _trilinear(
     field: FieldArray, v: int, row: int, column: int, above: int, fx: float, fy: float, ft: float
 ) -> float:
@@ -285,7 +285,7 @@ def _targets(
     return targets, costs
 
 
-@njit(cache=True)
+@borrowing
 def _length(frame: FloatArray, motion: FloatArray) -> float:
     return math.sqrt(motion[0] ** 2 + motion[1] ** 2 + (frame[WEIGHT] * motion[2]) ** 2)
 
@@ -330,7 +330,7 @@ def _blend(
     return min(max(summed / total, lowest), highest)
 
 
-@njit(cache=True)
+@borrowing
 def _slope(field: FieldArray, links: LinkArray, frame: FloatArray, v: int, axis: int) -> float:
     """Upwind difference of the field at v along one axis, per link."""
     lo, hi = along(frame, v, axis, int(-ONE)), along(frame, v, axis, int(ONE))
@@ -341,7 +341,7 @@ def _slope(field: FieldArray, links: LinkArray, frame: FloatArray, v: int, axis:
     return -max(field[v] - above, 0.0)
 
 
-@njit(cache=True)
+@borrowing
 def _joined(links: LinkArray, corners: npt.NDArray[np.int64], start: int, axes: int) -> int:
     """Bit mask of the corners of a cell that its own links join to the corner `start`."""
     mask, grown = 1 << start, True

@@ -15,7 +15,7 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from guided_gym.kernels.plain import ZERO
+from guided_gym.kernels.plain import ZERO, borrowing
 
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
@@ -45,7 +45,7 @@ def on_grid(points: Floats, box: Floats) -> Ints:
     return placed
 
 
-@njit(cache=True)
+@borrowing
 def _along_curve(placed: Ints, v: int) -> int:
     """How far along Hilbert's curve a point lies."""
     x, y = (placed[v, 0] + _HALF) >> (29 - _DEPTH), (placed[v, 1] + _HALF) >> (29 - _DEPTH)
@@ -80,7 +80,7 @@ def insertion_order(placed: Ints, begin: int) -> Ints:
     return np.argsort(keys) + begin
 
 
-@njit(cache=True)
+@borrowing
 def _turn(placed: Ints, a: int, b: int, c: int) -> int:
     """Positive if a, b, c turn left, exactly."""
     ux, uy = placed[b, 0] - placed[a, 0], placed[b, 1] - placed[a, 1]
@@ -88,7 +88,7 @@ def _turn(placed: Ints, a: int, b: int, c: int) -> int:
     return ux * wy - uy * wx
 
 
-@njit(cache=True)
+@borrowing
 def _surely_within(placed: Ints, a: int, b: int, c: int, d: int) -> bool:
     """Whether d lies in the circle of a, b, c (which turn left), beyond doubt."""
     ax, ay = float(placed[a, 0] - placed[d, 0]), float(placed[a, 1] - placed[d, 1])
@@ -104,7 +104,7 @@ def _surely_within(placed: Ints, a: int, b: int, c: int, d: int) -> bool:
     return determinant > _INCIRCLE * permanent
 
 
-@njit(cache=True)
+@borrowing
 def _found(placed: Ints, corners: Int32s, beyond: Int32s, v: int, t: int) -> tuple[int, int, int]:
     """The triangle that v lies in, by a walk from triangle t; a side that v is on (or -1), and how many."""
     turn = 0
@@ -123,12 +123,12 @@ def _found(placed: Ints, corners: Int32s, beyond: Int32s, v: int, t: int) -> tup
         turn += 1
 
 
-@njit(cache=True)
+@borrowing
 def _put(table: Int32s, t: int, a: int, b: int, c: int) -> None:
     table[t, 0], table[t, 1], table[t, 2] = a, b, c
 
 
-@njit(cache=True)
+@borrowing
 def _side_from(corners: Int32s, t: int, a: int) -> int:
     """The side of triangle t that begins at vertex ``a``."""
     k = 0
@@ -137,7 +137,7 @@ def _side_from(corners: Int32s, t: int, a: int) -> int:
     return k
 
 
-@njit(cache=True)
+@borrowing
 def _join(corners: Int32s, beyond: Int32s, t: int, k: int, other: int, a: int) -> None:
     """Let side k of triangle t and the side of the other one that begins at vertex ``a`` there be one."""
     beyond[t, k] = other
@@ -145,7 +145,7 @@ def _join(corners: Int32s, beyond: Int32s, t: int, k: int, other: int, a: int) -
         beyond[other, _side_from(corners, other, a)] = t
 
 
-@njit(cache=True)
+@borrowing
 def _placed_in(
     corners: Int32s, beyond: Int32s, t: int, k: int, on: int, v: int, count: int
 ) -> tuple[int, int, int, int]:

@@ -19,6 +19,8 @@ import numpy as np
 import numpy.typing as npt
 from numba import njit
 
+from guided_gym.kernels.plain import borrowing
+
 FloatArray = npt.NDArray[np.float64]
 FieldArray = npt.NDArray[np.float32]
 IndexArray = npt.NDArray[np.int64]
@@ -37,7 +39,7 @@ _FRONT = 0.125  # of the grid waits in the room to begin with
 _SQUARES = np.array([(s, t) for s in range(6) for t in range(s) if s >> 1 != t >> 1])
 
 
-@njit(cache=True)
+@borrowing
 def _upwind(
     field: FieldArray, links: LinkArray, v: int, lo: int, lo2: int, hi: int, hi2: int, bit: int
 ) -> tuple[float, float]:
@@ -52,7 +54,7 @@ def _upwind(
     return near, far
 
 
-@njit(cache=True, error_model="numpy")
+@borrowing(error_model="numpy")
 def _term(near: float, far: float, weight: float) -> tuple[float, float]:
     """One axis' term weight * (u - value)^2: of second order where the vertex behind is upwind too."""
     if far <= near < np.inf and (near - far) ** 2 * weight <= 1.02:
@@ -60,7 +62,7 @@ def _term(near: float, far: float, weight: float) -> tuple[float, float]:
     return weight, near
 
 
-@njit(cache=True, error_model="numpy")
+@borrowing(error_model="numpy")
 def _smallest_consistent(w0: float, a0: float, w1: float, a1: float, w2: float, a2: float) -> float:
     """The u that solves sum of w (u - a)^2 = 1 over the terms with a < u."""
     if a1 < a0:
@@ -83,7 +85,7 @@ def _smallest_consistent(w0: float, a0: float, w1: float, a1: float, w2: float, 
     return a0 + (b + math.sqrt(max(b * b - a * c, 0.0))) / a
 
 
-@njit(cache=True, error_model="numpy")
+@borrowing(error_model="numpy")
 def _offer(
     field: FieldArray,
     links: LinkArray,
@@ -112,7 +114,7 @@ def _offer(
     return _smallest_consistent(w0, a0, w1, a1, w2, a2)
 
 
-@njit(cache=True)
+@borrowing
 def _neighbours(links: LinkArray, v: int, stride: int, n_angles: int, near: npt.NDArray[np.int64]) -> None:
     """Write the linked neighbours of v to `near`, before and after it along each axis, -1 where none."""
     k = v % n_angles
@@ -124,7 +126,7 @@ def _neighbours(links: LinkArray, v: int, stride: int, n_angles: int, near: npt.
             near[side] = -1
 
 
-@njit(cache=True)
+@borrowing
 def _corner(links: LinkArray, v: int, near: npt.NDArray[np.int64], s: int, t: int) -> int:
     """The vertex across the square of v and its neighbours s and t; -1 unless links close the square."""
     p, r = near[s], near[t]
@@ -137,7 +139,7 @@ def _corner(links: LinkArray, v: int, near: npt.NDArray[np.int64], s: int, t: in
     return -1
 
 
-@njit(cache=True)
+@borrowing
 def _fan_level(field: FieldArray, levels: LinkArray, near: npt.NDArray[np.int64], sides: int) -> int:
     """_FAN beside obstacles, and one less with each vertex that the wave has come on from there."""
     level = 1

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from guided_gym.kernels.collision import Geometry, motion_fraction, motion_free
 from guided_gym.kernels.metric import Metric, interpolate, separation, steer
 from guided_gym.kernels.nearest import State, insert, nearest
-from guided_gym.kernels.plain import copy_row
+from guided_gym.kernels.plain import borrowing, copy_row
 
 Floats = NDArray[np.float64]
 Int32s = NDArray[np.int32]
@@ -76,7 +76,7 @@ def attempt(
     return GREW, length, target
 
 
-@njit(cache=True)
+@borrowing
 def add_child(nodes: Nodes, n: int, parent: int, q: Floats, length: float) -> None:
     """Enter q (d,) as the n-th node, at the end of an edge of that length."""
     copy_row(q, nodes.configurations[n])
@@ -86,7 +86,7 @@ def add_child(nodes: Nodes, n: int, parent: int, q: Floats, length: float) -> No
     nodes.children[parent] += 1
 
 
-@njit(cache=True)
+@borrowing
 def add_failure(nodes: Nodes, failures: Failures, f: int, node: int, target: Floats, contact: Floats) -> None:
     """Enter the f-th failure: from a node towards a target (d,), free up to a contact (d,)."""
     failures.nodes[f] = node

@@ -16,6 +16,7 @@ from numba import njit
 
 from guided_gym.compute.compile_lock import vectorised
 from guided_gym.kernels.collision import Geometry, motion_free, pose_free
+from guided_gym.kernels.plain import borrowing, owning
 
 FloatArray = npt.NDArray[np.float64]
 Field = npt.NDArray[np.float32]
@@ -42,7 +43,7 @@ _BLOCK: Final = 8  # cells along a side whose near edges are looked for together
 _HALF: Final = _BLOCK // 2
 
 
-@njit(cache=True)
+@borrowing
 def _edge_square(edges: FloatArray, e: int, x: float, y: float) -> float:
     """Square of the distance from (x, y) to an edge."""
     x0, y0 = edges[e, 0], edges[e, 1]
@@ -56,29 +57,36 @@ def _edge_square(edges: FloatArray, e: int, x: float, y: float) -> float:
 @njit(cache=True)
 def _signs(edges: FloatArray, frame: FloatArray, n: int, fine: int) -> Field:
     """-1 inside the obstacles and 1 outside at each sample: (n * fine, n * fine), line by line."""
-    m, step = n * fine, frame[CELL] / fine
-    left = frame[ORIGIN_X] - frame[CELL] / 2 + step / 2
-    low = frame[ORIGIN_Y] - frame[CELL] / 2 + step / 2
-    out = np.ones((m, m), dtype=np.float32)
-    turns = np.zeros(m + 1, dtype=np.bool_)
-    for r in range(m):
-        y = low + r * step
-        turns[:] = False
-        for e in range(edges.shape[0]):
-            y0, y1 = edges[e, 1], edges[e, 3]
-            if (y0 > y) != (y1 > y):
-                x = edges[e, 0] + (y - y0) * (edges[e, 2] - edges[e, 0]) / (y1 - y0)
-                c = int(min(max(math.ceil((x - left) / step), 0.0), m))  # samples left of it
-                turns[c] = not turns[c]
-        inside = False
-        for c in range(m - 1, -1, -1):
-            inside = inside != turns[c + 1]
-            if inside:
-                out[r, c] = -1.0
+    out = np.ones((n * fine, n * fine), dtype=np.float32)
+    _draw_signs(edges, frame, frame[CELL] / fine, out)
     return out
 
 
-@njit(cache=True)
+@borrowing
+def _draw_signs(edges: FloatArray, frame: FloatArray, step: float, out: Field) -> None:
+    """Change the signs of the samples left of each edge."""
+    m = out.shape[0]
+    left = frame[ORIGIN_X] - frame[CELL] / 2 + step / 2
+    low = frame[ORIGIN_Y] - frame[CELL] / 2 + step / 2
+    for e in range(edges.shape[0]):
+        y0, y1 = edges[e, 1], edges[e, 3]
+        first = min(max((min(y0, y1) - low) / step - 1.0, 0.0), m)
+        last = min(max((max(y0, y1) - low) / step + 2.0, 0.0), m)
+        for r in range(int(first), int(last)):
+            y = low + r * step
+            if (y0 > y) != (y1 > y):
+                x = edges[e, 0] + (y - y0) * (edges[e, 2] - edges[e, 0]) / (y1 - y0)
+                _change_signs(out[r, : int(min(max(math.ceil((x - left) / step), 0.0), m))])
+
+
+@borrowing
+@vectorised
+def _change_signs(values: Field) -> None:
+    for i in range(values.size):
+        values[i] = -values[i]
+
+
+@borrowing
 def _near(
     edges: FloatArray, some: IntArray, x: float, y: float, half: float, out: IntArray, squares: FloatArray
 ) -> int:
@@ -151,7 +159,7 @@ def unseen(
     )
 
 
-@njit(cache=True)
+@owning
 def look(ground: Ground, r: int, c: int) -> None:
     """Find the room at all headings of a cell, and of those in its block, unless it is known."""
     if ground.looked[r // _BLOCK, c // _BLOCK]:
@@ -182,7 +190,7 @@ def _measure_discs(ground: Ground, r0: int, c0: int) -> None:
             ground.room[r, c, :] = ground.distances[r, c] - ground.body[0, 2]
 
 
-@njit(cache=True)
+@borrowing
 def look_everywhere(ground: Ground) -> None:
     """Find all distances and rooms."""
     for r in range(0, ground.room.shape[0], _BLOCK):
@@ -190,7 +198,7 @@ def look_everywhere(ground: Ground) -> None:
             look(ground, r, c)
 
 
-@njit(cache=True)
+@borrowing
 def look_around(ground: Ground, places: IntArray) -> None:
     """Find the room at the cells of flat places (m,) of the grid."""
     n, turns = ground.room.shape[0], ground.room.shape[2]
@@ -214,6 +222,9 @@ def _measure_block(distances: Field, body: FloatArray, r0: int, c0: int, wide: i
         beyond, row, at = abs(low + r - j), distances[j], r // FINE * side
         for b in range(FINE):
             plane = planes[r % FINE, b, at : at + side]
+            if beyond == 0 and left >= 0 and left + side * FINE <= m:
+                _take_apart(row[left + b : left + side * FINE], plane)
+                continue
             for c in range(side):
                 i = min(max(left + c * FINE + b, 0), m - 1)
                 plane[c] = row[i] - np.float32((beyond + abs(left + c * FINE + b - i)) / FINE)
@@ -232,6 +243,14 @@ def _measure_block(distances: Field, body: FloatArray, r0: int, c0: int, wide: i
                     room[r0 + r, c0 + c, h] = least[r * side + c]
 
 
+@borrowing
+@vectorised
+def _take_apart(row: Field, plane: Field) -> None:
+    """Every `FINE`-th sample of a row."""
+    for c in range(plane.size):
+        plane[c] = row[FINE * c]
+
+
 @njit(cache=True)
 def _opposite(body: FloatArray) -> BoolArray:
     """Which of the discs (k, 3) x, y, radius have another one opposite of them, up to rounding."""
@@ -245,7 +264,7 @@ def _opposite(body: FloatArray) -> BoolArray:
     return found
 
 
-@njit(cache=True)
+@borrowing
 def _lower(
     least: Field, planes: Field, body: FloatArray, which: BoolArray, heading: float, side: int
 ) -> None:
@@ -266,7 +285,7 @@ def _lower(
             _lower_mixed(least, low0, low1, high0, high1, (fx, fy, less))
 
 
-@njit(cache=True)
+@borrowing
 @vectorised
 def _lower_mixed(
     least: Field,
@@ -290,26 +309,26 @@ def _sample_block(ground: Ground, r0: int, c0: int) -> None:
     """Turn the signs of a block of cells into signed distances."""
     edges, bounds, frame, out = ground.edges, ground.bounds, ground.frame, ground.distances
     n, cell, count = ground.room.shape[0], frame[CELL], edges.shape[0]
-    block, some = np.empty(count, np.int64), np.empty(count, np.int64)
-    few, room = np.empty(count, np.int64), np.empty(count)
-    scratch = np.empty(FINE * FINE), np.empty(FINE * FINE), np.empty(FINE * FINE)
+    block, some, squares = np.empty(count, np.int64), np.empty(count, np.int64), np.empty(count)
+    samples = (_HALF * FINE) ** 2
+    scratch = np.empty(samples), np.empty(samples), np.empty(samples)
     x, y = frame[ORIGIN_X] + (c0 - 0.5) * cell, frame[ORIGIN_Y] + (r0 - 0.5) * cell
     wide = _BLOCK * cell
     half = math.sqrt(0.5) * wide
-    around = block[: _near(edges, np.arange(count), x + wide / 2, y + wide / 2, half, block, room)]
+    around = block[: _near(edges, np.arange(count), x + wide / 2, y + wide / 2, half, block, squares)]
     for part in range(4):  # those near a quarter of the block are fewer again
         r1, c1 = r0 + part // 2 * _HALF, c0 + part % 2 * _HALF
         x, y = frame[ORIGIN_X] + (c1 - 0.5) * cell, frame[ORIGIN_Y] + (r1 - 0.5) * cell
-        near = some[: _near(edges, around, x + wide / 4, y + wide / 4, half / 2, some, room)]
-        for r in range(r1, min(r1 + _HALF, n)):
-            for c in range(c1, min(c1 + _HALF, n)):
-                if out.shape[0] == n:
+        near = some[: _near(edges, around, x + wide / 4, y + wide / 4, half / 2, some, squares)]
+        if out.shape[0] == n:
+            for r in range(r1, min(r1 + _HALF, n)):
+                for c in range(c1, min(c1 + _HALF, n)):
                     _sample_middle(edges, bounds, frame, r, c, near, out)
-                else:
-                    _sample_cell(edges, bounds, frame, r, c, near, few, room, scratch, out)
+        elif r1 < n and c1 < n:
+            _sample_part(edges, bounds, frame, r1, c1, near, scratch, out)
 
 
-@njit(cache=True)
+@borrowing
 def _sample_middle(
     edges: FloatArray, bounds: FloatArray, frame: FloatArray, r: int, c: int, near: IntArray, out: Field
 ) -> None:
@@ -322,40 +341,56 @@ def _sample_middle(
     out[r, c] = min(math.sqrt(square) * out[r, c], spare) / frame[CELL]
 
 
-@njit(cache=True)
-def _sample_cell(
+@borrowing
+def _sample_part(
     edges: FloatArray,
     bounds: FloatArray,
     frame: FloatArray,
-    r: int,
-    c: int,
+    r0: int,
+    c0: int,
     near: IntArray,
-    few: IntArray,
-    room: FloatArray,
     scratch: tuple[FloatArray, FloatArray, FloatArray],
     out: Field,
 ) -> None:
-    """Turn the signs of one cell's samples into signed distances, by the edges near it."""
-    cell = frame[CELL]
-    x, y = frame[ORIGIN_X] + c * cell, frame[ORIGIN_Y] + r * cell
-    count = _near(edges, near, x, y, math.sqrt(0.5) * cell, few, room)
-    squares, xs, ys = scratch
-    squares[:] = np.inf
-    for i in range(FINE * FINE):
-        xs[i] = x + ((i % FINE + 0.5) / FINE - 0.5) * cell
-        ys[i] = y + ((i // FINE + 0.5) / FINE - 0.5) * cell
-    for i in range(count):
-        _lower_squares(squares, xs, ys, edges[few[i]])
+    """Turn the signs of a quarter of a block into signed distances, by the edges near it."""
+    m, cell = out.shape[0], frame[CELL]
+    high, wide = min(_HALF * FINE, m - r0 * FINE), min(_HALF * FINE, m - c0 * FINE)
+    squares, xs, ys = scratch[0][: high * wide], scratch[1][: high * wide], scratch[2][: high * wide]
+    for i in range(wide):
+        xs[i] = frame[ORIGIN_X] + (c0 + i // FINE) * cell + ((i % FINE + 0.5) / FINE - 0.5) * cell
+    for r in range(high):
+        y = frame[ORIGIN_Y] + (r0 + r // FINE) * cell + ((r % FINE + 0.5) / FINE - 0.5) * cell
+        _fill_line(xs[:wide], y, xs[r * wide : (r + 1) * wide], ys[r * wide : (r + 1) * wide])
+    for i in range(squares.size):
+        squares[i] = np.inf
+    for e in near:
+        _lower_squares(squares, xs, ys, edges[e])
     _take_roots(squares)
-    for a in range(FINE):
-        spare, first = min(ys[a * FINE] - bounds[1], bounds[3] - ys[a * FINE]), a * FINE
-        row = out[r * FINE + a, c * FINE : (c + 1) * FINE]
-        for b in range(FINE):
-            inside = min(spare, min(xs[b] - bounds[0], bounds[2] - xs[b]))
-            row[b] = min(squares[first + b] * row[b], inside) / cell
+    for r in range(high):
+        line, row = squares[r * wide : (r + 1) * wide], out[r0 * FINE + r, c0 * FINE : c0 * FINE + wide]
+        y = ys[r * wide]
+        _enter_distances(line, xs, min(y - bounds[1], bounds[3] - y), bounds[0], bounds[2], cell, row)
 
 
-@njit(cache=True)
+@borrowing
+@vectorised
+def _fill_line(line: FloatArray, y: float, xs: FloatArray, ys: FloatArray) -> None:
+    for i in range(line.size):
+        xs[i], ys[i] = line[i], y
+
+
+@borrowing
+@vectorised
+def _enter_distances(
+    distances: FloatArray, xs: FloatArray, spare: float, left: float, right: float, cell: float, row: Field
+) -> None:
+    """Enter distances into a row of signs: as far as the bounds, with their signs, in cells."""
+    for i in range(row.size):
+        inside = min(spare, min(xs[i] - left, right - xs[i]))
+        row[i] = min(distances[i] * row[i], inside) / cell
+
+
+@borrowing
 @vectorised
 def _lower_squares(squares: FloatArray, xs: FloatArray, ys: FloatArray, edge: FloatArray) -> None:
     """Lower (m,) squares of distances to those from points to an edge x0, y0, x1, y1; see `_edge_square`."""
@@ -373,14 +408,14 @@ def _lower_squares(squares: FloatArray, xs: FloatArray, ys: FloatArray, edge: Fl
         squares[i] = square if square < squares[i] else squares[i]
 
 
-@njit(cache=True)
+@borrowing
 @vectorised
 def _take_roots(squares: FloatArray) -> None:
     for i in range(squares.size):
         squares[i] = math.sqrt(squares[i])
 
 
-@njit(cache=True)
+@borrowing
 def _room(
     distances: Field,
     fine: int,
@@ -446,7 +481,7 @@ def free_logits(
     return out
 
 
-@njit(cache=True)
+@borrowing
 def _beside(r: int, c: int, k: int, side: int, turns: int) -> tuple[int, int, int]:
     """The neighbour of a pose: 0 and 1 in its row, 2 and 3 in its column, 4 and 5 by a turn."""
     if side < 2:
@@ -493,7 +528,7 @@ def closed_links(room: Field, frame: FloatArray, geometry: Geometry) -> tuple[Li
     return out, looks
 
 
-@njit(cache=True)
+@borrowing
 def goal_distance(x: float, y: float, theta: float, frame: FloatArray) -> float:
     """The metric's distance to the goal, obstacles ignored."""
     dx, dy = frame[GOAL] - x, frame[GOAL + 1] - y
@@ -517,34 +552,34 @@ def goal_distances(n: int, turns: int, frame: FloatArray) -> Field:
 @njit(cache=True)
 def poses_near_goal(
     shape: tuple[int, int, int], frame: FloatArray, reach: int
-) -> tuple[IntArray, FloatArray]:
-    """Flat places (m,) of the poses at most ``reach`` cells around the goal, and the poses (m, 3).
+) -> tuple[IntArray, FloatArray, FloatArray]:
+    """The poses at most ``reach`` cells around the goal; of the headings, the two beside the goal's.
 
-    Of the headings, the two beside the goal's.
+    Returns:
+        Flat places (m,), the poses (m, 3), and how far they are from the goal (m,).
     """
     n, turns = shape[0], shape[2]
     i = math.floor((frame[GOAL] - frame[ORIGIN_X]) / frame[CELL])
     j = math.floor((frame[GOAL + 1] - frame[ORIGIN_Y]) / frame[CELL])
     k = math.floor(frame[GOAL + 2] * turns / (2.0 * math.pi)) if turns > 1 else 0
     sides = 2 if turns > 1 else 1
-    places, poses = (
-        np.empty(4 * (reach + 1) ** 2 * sides, np.int64),
-        np.empty((4 * (reach + 1) ** 2 * sides, 3)),
-    )
+    most = 4 * (reach + 1) ** 2 * sides
+    places, poses, distances = np.empty(most, np.int64), np.empty((most, 3)), np.empty(most)
     count = 0
     for r in range(max(j - reach, 0), min(j + reach + 2, n)):
         for c in range(max(i - reach, 0), min(i + reach + 2, n)):
             for side in range(sides):
                 t = (k + side) % turns
+                x, y = frame[ORIGIN_X] + c * frame[CELL], frame[ORIGIN_Y] + r * frame[CELL]
+                theta = 2.0 * math.pi * t / turns if turns > 1 else frame[GOAL + 2]
                 places[count] = (r * n + c) * turns + t
-                poses[count, 0] = frame[ORIGIN_X] + c * frame[CELL]
-                poses[count, 1] = frame[ORIGIN_Y] + r * frame[CELL]
-                poses[count, 2] = 2.0 * math.pi * t / turns if turns > 1 else frame[GOAL + 2]
+                poses[count, 0], poses[count, 1], poses[count, 2] = x, y, theta
+                distances[count] = goal_distance(x, y, theta, frame)
                 count += 1
-    return places[:count], poses[:count]
+    return places[:count], poses[:count], distances[:count]
 
 
-@njit(cache=True)
+@borrowing
 def _cell(q: FloatArray, n: int, turns: int, frame: FloatArray) -> tuple[int, int, int, float, float, float]:
     """Lower corner (row, column, heading) of the cell around a pose and the place in it, 0 to 1 each."""
     gx = min(max((q[0] - frame[ORIGIN_X]) / frame[CELL], 0.0), n - 1.001)
@@ -557,7 +592,7 @@ def _cell(q: FloatArray, n: int, turns: int, frame: FloatArray) -> tuple[int, in
     return j, i, k, gy - j, gx - i, gt - k
 
 
-@njit(cache=True)
+@borrowing
 def _interpolate(q: FloatArray, field: Field, frame: FloatArray, places: IntArray, shares: Field) -> bool:
     """Flat places (8,) of the corners around a pose, and their shares (8,), which sum to 1 or to 0.
 
@@ -800,7 +835,7 @@ def spare_room(q: FloatArray, ends: FloatArray, ground: Ground, frame: FloatArra
     return out
 
 
-@njit(cache=True)
+@borrowing
 def _shut(closed: Links, r: int, c: int, k: int, side: int, turns: int) -> bool:
     """Whether the link from a pose to the neighbour of that side is closed; see `_beside`."""
     if closed.size == 0:
@@ -810,7 +845,7 @@ def _shut(closed: Links, r: int, c: int, k: int, side: int, turns: int) -> bool:
     return bool(closed[r, c, k] >> (side >> 1) & 1)
 
 
-@njit(cache=True)
+@borrowing
 def blocked_on_way(q: FloatArray, field: Field, seems: Field, closed: Links, frame: FloatArray) -> int:
     """Poses that seem blocked, and closed links, on the field's way from q (d,) to the goal.
 
@@ -850,7 +885,7 @@ def blocked_on_way(q: FloatArray, field: Field, seems: Field, closed: Links, fra
         blocked += 1 if not seems[r, c, t] > 0.0 or shut else 0
 
 
-@njit(cache=True)
+@borrowing
 def multiply_near(field: Field, q: FloatArray, frame: FloatArray, reach: float, factor: float) -> None:
     """Multiply (n, n, T) in place at the poses within ``reach`` (length) of q (d,), and at the nearest."""
     n, turns = field.shape[0], field.shape[2]

@@ -53,6 +53,7 @@ from guided_gym.kernels.packing import (
     TOOL,
     TOOL_NUMBERS,
 )
+from guided_gym.kernels.plain import borrowing
 
 FloatArray = npt.NDArray[np.float64]
 IntArray = npt.NDArray[np.int64]
@@ -72,24 +73,24 @@ _SLACK = 1e-9
 """By so much (radians) may a joint be beyond its limits: more than the rounding of interpolation."""
 
 
-@njit(cache=True)
+@borrowing
 def _joint_row(index: IntArray, joint: int) -> int:
     return index[TABLE] + TABLE_HEADER + JOINT_ROW * joint
 
 
-@njit(cache=True)
+@borrowing
 def _body_row(index: IntArray, body: int) -> int:
     table = index[TABLE]
     return table + TABLE_HEADER + JOINT_ROW * index[table + JOINTS] + BODY_ROW * body
 
 
-@njit(cache=True)
+@borrowing
 def _pair_row(index: IntArray, pair: int) -> int:
     table = index[TABLE]
     return _body_row(index, index[table + BODIES]) + PAIR_ROW * pair
 
 
-@njit(cache=True)
+@borrowing
 def _known(q: FloatArray, d: FloatArray, index: IntArray) -> bool:
     """Whether all coordinates and changes are numbers that rounding does not blur."""
     base = 2 * index[index[TABLE] + BASE]
@@ -100,7 +101,7 @@ def _known(q: FloatArray, d: FloatArray, index: IntArray) -> bool:
     return True
 
 
-@njit(cache=True)
+@borrowing
 def _frames(numbers: FloatArray, index: IntArray, q: FloatArray, d: FloatArray, state: FloatArray) -> None:
     """Where the joints' frames are at q and how they move along the motion by d; (joints, STATE), written."""
     table = index[TABLE]
@@ -130,7 +131,7 @@ def _frames(numbers: FloatArray, index: IntArray, q: FloatArray, d: FloatArray, 
         own[VX], own[VY], own[DRIFT], own[SPEED] = vx, vy, drift, speed
 
 
-@njit(cache=True)
+@borrowing
 def _place(
     numbers: FloatArray, index: IntArray, state: FloatArray, seen_from: int, joint: int, t: float
 ) -> tuple[float, float, float, float, float, float]:
@@ -168,7 +169,7 @@ def _place(
     return x, y, math.cos(angle), math.sin(angle), vx, vy
 
 
-@njit(cache=True)
+@borrowing
 def _bounds_between(
     numbers: FloatArray, index: IntArray, state: FloatArray, seen_from: int, joint: int
 ) -> tuple[float, float]:
@@ -188,7 +189,7 @@ def _bounds_between(
     return drift, speed
 
 
-@njit(cache=True)
+@borrowing
 def _pair_fraction(
     numbers: FloatArray,
     index: IntArray,
@@ -237,7 +238,7 @@ def _pair_fraction(
     return t
 
 
-@njit(cache=True)
+@borrowing
 def _body_centre(numbers: FloatArray, index: IntArray, state: FloatArray, body: int) -> tuple[float, float]:
     joint = index[_body_row(index, body)]
     at = index[index[TABLE] + BODY_NUMBERS] + BODY_SIZE * body
@@ -245,12 +246,12 @@ def _body_centre(numbers: FloatArray, index: IntArray, state: FloatArray, body: 
     return state[joint, X] + c * ox - s * oy, state[joint, Y] + s * ox + c * oy
 
 
-@njit(cache=True)
+@borrowing
 def _body_radius(numbers: FloatArray, index: IntArray, body: int) -> float:
     return numbers[index[index[TABLE] + BODY_NUMBERS] + BODY_SIZE * body + 2]
 
 
-@njit(cache=True)
+@borrowing
 def _bulge(numbers: FloatArray, index: IntArray, state: FloatArray, body: int) -> float:
     """By how much the path of a body's centre may leave the straight line between its ends at most."""
     joint = index[_body_row(index, body)]
@@ -262,7 +263,7 @@ def _bulge(numbers: FloatArray, index: IntArray, state: FloatArray, body: int) -
 # Poses ------------------------------------------------------------------------------------------------------
 
 
-@njit(cache=True)
+@borrowing
 def _within_limits(numbers: FloatArray, index: IntArray, q: FloatArray) -> bool:
     table = index[TABLE]
     for j in range(index[table + JOINTS]):
@@ -274,7 +275,7 @@ def _within_limits(numbers: FloatArray, index: IntArray, q: FloatArray) -> bool:
     return True
 
 
-@njit(cache=True)
+@borrowing
 def _body_free(numbers: FloatArray, index: IntArray, state: FloatArray, body: int) -> bool:
     """Whether a body is off all obstacles and bounds."""
     row = _body_row(index, body)
@@ -305,7 +306,7 @@ def _body_free(numbers: FloatArray, index: IntArray, state: FloatArray, body: in
     return True
 
 
-@njit(cache=True)
+@borrowing
 def _apart(numbers: FloatArray, index: IntArray, state: FloatArray, pair: int) -> bool:
     """Whether two bodies of the robot are off each other."""
     at = _pair_row(index, pair)
@@ -357,7 +358,7 @@ def _changes(index: IntArray, a: FloatArray, b: FloatArray) -> FloatArray:
     return d
 
 
-@njit(cache=True)
+@borrowing
 def _limited(numbers: FloatArray, index: IntArray, a: FloatArray, d: FloatArray) -> float:
     """The part of the motion in which all joints stay within their limits."""
     table, fraction = index[TABLE], 1.0
@@ -376,7 +377,7 @@ def _limited(numbers: FloatArray, index: IntArray, a: FloatArray, d: FloatArray)
     return fraction
 
 
-@njit(cache=True)
+@borrowing
 def _allowed(numbers: FloatArray, index: IntArray, a: FloatArray, d: FloatArray, whole: bool) -> float:
     """The part of the motion by d that its numbers and limits allow; with `whole`, 0 unless it is all."""
     if not _known(a, d, index):
@@ -385,7 +386,7 @@ def _allowed(numbers: FloatArray, index: IntArray, a: FloatArray, d: FloatArray,
     return 0.0 if whole and fraction < 1.0 else fraction
 
 
-@njit(cache=True)
+@borrowing
 def _body_fraction(
     numbers: FloatArray,
     index: IntArray,
@@ -429,7 +430,7 @@ def _body_fraction(
     return fraction
 
 
-@njit(cache=True)
+@borrowing
 def _pair_of_bodies_fraction(
     numbers: FloatArray,
     index: IntArray,
@@ -501,7 +502,7 @@ def _motion_fraction(
 # Clearance --------------------------------------------------------------------------------------------------
 
 
-@njit(cache=True)
+@borrowing
 def _body_distance(
     numbers: FloatArray, index: IntArray, state: FloatArray, body: int, smallest: float
 ) -> float:

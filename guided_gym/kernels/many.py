@@ -16,7 +16,7 @@ from guided_gym.kernels.cost_query import OracleState, cost_to_go_one
 from guided_gym.kernels.extend import FAILED, REACHED_TOLERANCE, attempt
 from guided_gym.kernels.metric import Metric, ball_samples
 from guided_gym.kernels.observe import UNIT, observe_configuration, observe_place
-from guided_gym.kernels.plain import copy_row
+from guided_gym.kernels.plain import borrowing, copy_row
 from guided_gym.kernels.softmin import choice_efficiency, energy_of
 
 Floats = NDArray[np.float64]
@@ -198,7 +198,7 @@ def _measure(i: int, n: int, parent: int, trees: Trees, episodes: Episodes, shar
     settle(i, n, parent, tau, trees, episodes, shared)
 
 
-@njit(cache=True)
+@borrowing
 def settle(
     i: int, n: int, parent: int, tau: float, trees: Trees, episodes: Episodes, shared: Parameters
 ) -> None:
@@ -223,7 +223,7 @@ def observe_node(i: int, n: int, trees: Trees, episodes: Episodes, shared: Param
     episodes.mask[i, n] = 1
 
 
-@njit(cache=True)
+@borrowing
 def _observe_place(i: int, n: int, trees: Trees, episodes: Episodes, shared: Parameters) -> None:
     row = episodes.nodes[i, n * shared.features : (n + 1) * shared.features]
     counts = int(trees.depths[i, n]), int(trees.children[i, n]), int(trees.failures[i, n])

@@ -32,12 +32,14 @@ from guided_gym.kernels.fields import (
     joined_values,
     look,
 )
+from guided_gym.kernels.plain import borrowing
 
 Int32s = npt.NDArray[np.int32]
 
 _UNTIDY: Final = 0.25  # of the way between two poses: what a bucket of arrivals spans
 _MOST_BUCKETS: Final = 1 << 15
 _SURE: Final = 60.0  # logit of being free for each cell of room
+_CERTAIN: Final = 40.0  # logit from which 1 / p is 1, to the last bit
 _HEED: Final = 0.7  # how much the way to the target counts: by all of it, arrivals would be 7 % late
 
 WAITING: Final = (
@@ -154,7 +156,7 @@ def begin(
     return front
 
 
-@njit(cache=True)
+@borrowing
 def _enter(front: Front, places: IntArray, values: FloatArray, n: int, cell: float, turns: int) -> None:
     """Have the places where a wave begins wait."""
     numbers, buckets = front.numbers, front.first.size
@@ -162,17 +164,19 @@ def _enter(front: Front, places: IntArray, values: FloatArray, n: int, cell: flo
         r, c, k = places[i] // (turns * n), places[i] // turns % n, places[i] % turns
         v = ((r + 1) * (n + 2) + c + 1) * turns + k
         front.least[v], front.items[i], front.keys[i] = values[i], v, values[i]
-        front.dues[i] = values[i] + _way(front, r, c, k, cell, turns)
-    numbers[_BASE] = front.dues[: places.size].min() if places.size else 0.0
+        front.dues[i] = values[i] + _way(numbers, r, c, k, cell, turns)
+    least = front.dues[0] if places.size else np.float32(0.0)
+    for i in range(places.size):
+        least = min(least, front.dues[i])
+    numbers[_BASE] = least
     for i in range(places.size):
         b = min(int((front.dues[i] - numbers[_BASE]) / numbers[_WIDTH]), buckets - 1)
         front.after[i], front.first[b] = front.first[b], i
 
 
-@njit(cache=True)
-def _way(front: Front, r: int, c: int, k: int, cell: float, turns: int) -> float:
+@borrowing
+def _way(numbers: FloatArray, r: int, c: int, k: int, cell: float, turns: int) -> float:
     """How far a pose is from the target, as far as it is heeded."""
-    numbers = front.numbers
     if numbers[_HEED_AT] == 0.0:
         return 0.0
     away = 0.0
@@ -185,7 +189,7 @@ def _way(front: Front, r: int, c: int, k: int, cell: float, turns: int) -> float
     return numbers[_HEED_AT] * math.sqrt(up * up + along * along + away * away)
 
 
-@njit(cache=True)
+@borrowing
 def reach(front: Front, ground: Ground, places: IntArray) -> None:
     """Run on until the wave has come to (m,) flat places, border included, or can come no further."""
     left = 0
@@ -233,10 +237,10 @@ def arrive(
     return joined, values(front, ground, floor, joined)
 
 
-@njit(cache=True)
+@borrowing
 def run(front: Front, ground: Ground, left: int) -> None:
     """Take pose after pose until ``left`` aims are reached, or none waits any more."""
-    known, least, slow, _, aims, doors, first, after, items, keys, dues, counts, numbers = front
+    known, least, slow, effort, aims, doors, first, after, items, keys, dues, counts, numbers = front
     turns = ground.room.shape[2]
     side = ground.room.shape[0] + 2
     row = side * turns
@@ -279,14 +283,14 @@ def run(front: Front, ground: Ground, left: int) -> None:
                 continue
             if slow[w] != slow[w]:
                 look(ground, rr, cc)
-                _slow_down(front, ground.room[rr, cc], w - h)
+                _slow_down(slow, effort, numbers, ground.room[rr, cc], w - h)
             if slow[w] == np.inf:
                 continue
             value = _solve(_upwind(known, doors, w, h, turns, row, jump), float(slow[w]), ways)
             if value < least[w]:
                 least[w] = value
                 # Not before the bucket that is due, and no further ahead than the buckets go round.
-                due = value + _way(front, rr, cc, h, cell, turns)
+                due = value + _way(numbers, rr, cc, h, cell, turns)
                 b = min(max(int((due - base) * buckets), now), now + around) & around
                 if spare < 0:
                     entry, size = size, size + 1
@@ -298,24 +302,26 @@ def run(front: Front, ground: Ground, left: int) -> None:
     counts[0], counts[1], counts[2], counts[3] = waiting, size, spare, now
 
 
-@njit(cache=True)
-def _slow_down(front: Front, room: Field, first: int) -> None:
+@borrowing
+def _slow_down(slow: Field, effort: Field, numbers: FloatArray, room: Field, first: int) -> None:
     """Enter the slowness at the headings of a cell, whose room is known and whose first place this is."""
     for t in range(room.size):
-        most = tries(_SURE * room[t], front.numbers[_BLOCKED])
-        slow = most * front.effort[first + t]
-        if slow < np.inf:  # not slower than a failure makes it, either
-            slow = min(slow, max(most, front.numbers[_MOST]))
-        front.slow[first + t] = slow
+        most = tries(_SURE * room[t], numbers[_BLOCKED])
+        much = most * effort[first + t]
+        if much < np.inf:  # not slower than a failure makes it, either
+            much = min(much, max(most, numbers[_MOST]))
+        slow[first + t] = much
 
 
-@njit(cache=True)
+@borrowing
 def tries(logit: float, blocked: float) -> float:
     """1/p: as often as one would have to try where this is the logit of being free; ``blocked`` at most."""
+    if logit >= _CERTAIN:
+        return min(1.0, blocked)
     return min(1.0 + math.exp(min(-logit, 30.0)), blocked)
 
 
-@njit(cache=True)
+@borrowing
 def _solve(upwind: tuple[float, float, float], slowness: float, ways: tuple[float, float, float]) -> float:
     """Upwind solution of |grad u| = slowness at one pose.
 
@@ -357,7 +363,7 @@ def _solve(upwind: tuple[float, float, float], slowness: float, ways: tuple[floa
     return a0 + (b + root) / weight
 
 
-@njit(cache=True)
+@borrowing
 def _upwind(
     known: Field, doors: Links, w: int, h: int, turns: int, row: int, jump: float
 ) -> tuple[float, float, float]:

@@ -9,6 +9,8 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
+from guided_gym.kernels.plain import borrowing
+
 Floats = NDArray[np.float64]
 
 
@@ -24,7 +26,7 @@ class Metric(NamedTuple):
     periods: Floats
 
 
-@njit(cache=True)
+@borrowing
 def shortest(delta: float, period: float) -> float:
     """``delta`` taken the short way round; a period of 0 means not periodic."""
     if period > 0.0:
@@ -32,7 +34,7 @@ def shortest(delta: float, period: float) -> float:
     return delta
 
 
-@njit(cache=True)
+@borrowing
 def placed(value: float, period: float) -> float:
     """``value`` in [-period / 2, period / 2), where rounding would leave it a hair outside, too."""
     value = shortest(value, period)
@@ -40,7 +42,7 @@ def placed(value: float, period: float) -> float:
     return -half if period > 0.0 and not -half <= value < half else value
 
 
-@njit(cache=True)
+@borrowing
 def separation(a: Floats, b: Floats, metric: Metric) -> float:
     """Distance between configurations: sqrt(sum (w_i * wrapped difference_i)^2)."""
     total = 0.0
@@ -86,7 +88,7 @@ def steer(
     return interpolate(a, b, 1.0 if length <= step else step / length, metric)
 
 
-@njit(cache=True)
+@borrowing
 def segment_separation(
     a: Floats,
     b: Floats,

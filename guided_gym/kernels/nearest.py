@@ -22,6 +22,8 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
+from guided_gym.kernels.plain import borrowing
+
 Floats: TypeAlias = NDArray[np.float64]
 Ints: TypeAlias = NDArray[np.int64]
 State: TypeAlias = tuple[Floats, NDArray[np.int32], Floats, Floats, Ints]
@@ -50,7 +52,7 @@ POINTS, NODES, FREE, STACK = range(4)
 NONE = -1
 
 
-@njit(cache=True)
+@borrowing
 def wrapped(value: float, period: float) -> float:
     """Return `value` in [-period/2, period/2); unchanged where the period is infinite."""
     half = 0.5 * period
@@ -62,7 +64,7 @@ def wrapped(value: float, period: float) -> float:
     return value
 
 
-@njit(cache=True)
+@borrowing
 def load_query(work: Floats, q: Floats) -> None:
     """Write a configuration, wrapped, to where the distance functions read it."""
     d = q.shape[0]
@@ -70,7 +72,7 @@ def load_query(work: Floats, q: Floats) -> None:
         work[2 * d + j] = wrapped(q[j], work[d + j])
 
 
-@njit(cache=True)
+@borrowing
 def point_distance2(points: Floats, i: int, work: Floats) -> float:
     """Squared distance of point `i` from the loaded query."""
     d = points.shape[1]
@@ -82,7 +84,7 @@ def point_distance2(points: Floats, i: int, work: Floats) -> float:
     return total
 
 
-@njit(cache=True)
+@borrowing
 def box_distance2(boxes: Floats, node: int, work: Floats) -> float:
     """Squared distance of the loaded query from a node's box, the shorter way round where periodic."""
     d = boxes.shape[1] // 2
@@ -97,7 +99,7 @@ def box_distance2(boxes: Floats, node: int, work: Floats) -> float:
     return total
 
 
-@njit(cache=True)
+@borrowing
 def _new_node(nodes: NDArray[np.int32], boxes: Floats, counters: Ints) -> int:
     node: int = counters[FREE]
     if node >= 0:
@@ -109,7 +111,7 @@ def _new_node(nodes: NDArray[np.int32], boxes: Floats, counters: Ints) -> int:
     return node
 
 
-@njit(cache=True)
+@borrowing
 def clear_node(nodes: NDArray[np.int32], boxes: Floats, node: int) -> None:
     """Make a node an empty leaf."""
     d = boxes.shape[1] // 2
@@ -120,7 +122,7 @@ def clear_node(nodes: NDArray[np.int32], boxes: Floats, node: int) -> None:
         boxes[node, d + j] = -np.inf
 
 
-@njit(cache=True)
+@borrowing
 def _include(points: Floats, nodes: NDArray[np.int32], boxes: Floats, node: int, i: int) -> None:
     """Count point `i` in `node` and widen its box."""
     d = points.shape[1]
@@ -132,7 +134,7 @@ def _include(points: Floats, nodes: NDArray[np.int32], boxes: Floats, node: int,
         boxes[node, d + j] = max(boxes[node, d + j], points[i, j])
 
 
-@njit(cache=True)
+@borrowing
 def _select_middle(points: Floats, ids: NDArray[np.int32], start: int, stop: int, axis: int) -> int:
     """Partition ids[start:stop] about the middle by (coordinate, id) and return the middle."""
     middle = (start + stop) // 2
@@ -161,7 +163,7 @@ def _select_middle(points: Floats, ids: NDArray[np.int32], start: int, stop: int
     return middle
 
 
-@njit(cache=True)
+@borrowing
 def _widest_axis(boxes: Floats, node: int, work: Floats) -> int:
     d = boxes.shape[1] // 2
     axis, widest = 0, -1.0
@@ -229,7 +231,7 @@ def _dissolve(state: State, root: int, extra: int) -> NDArray[np.int32]:
     return ids[:found]
 
 
-@njit(cache=True)
+@borrowing
 def _child_for(state: State, node: int, i: int) -> int:
     """Choose the child that takes point `i`; a point on the split plane goes to the smaller side."""
     points, nodes, boxes, _, _ = state
@@ -277,7 +279,7 @@ def insert(state: State, q: Floats) -> int:
     return i
 
 
-@njit(cache=True)
+@borrowing
 def _offer(d2: float, i: int, indices: Ints, squares: Floats) -> None:
     """Keep (d2, i) among the k best, sorted by distance, then by index."""
     last = indices.shape[0] - 1
@@ -291,7 +293,7 @@ def _offer(d2: float, i: int, indices: Ints, squares: Floats) -> None:
     indices[last] = i
 
 
-@njit(cache=True)
+@borrowing
 def _search(state: State, q: Floats, indices: Ints, squares: Floats) -> None:
     """Fill `indices` and `squares` (k,) with the k nearest; k must not exceed the number of points."""
     points, nodes, boxes, work, counters = state
@@ -321,7 +323,7 @@ def _search(state: State, q: Floats, indices: Ints, squares: Floats) -> None:
         node, node_d2 = counters[STACK + top], work[stacked + top]
 
 
-@njit(cache=True)
+@borrowing
 def nearest(state: State, q: Floats) -> tuple[int, float]:
     """Return the nearest configuration's index and distance; (-1, inf) if none or q is not finite."""
     points, nodes, boxes, work, counters = state

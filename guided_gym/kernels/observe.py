@@ -7,11 +7,11 @@ import math
 from typing import Final
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
 from guided_gym.kernels.collision import Geometry, pose_clearance, position
 from guided_gym.kernels.metric import shortest
+from guided_gym.kernels.plain import borrowing
 
 Floats = NDArray[np.float64]
 
@@ -30,12 +30,12 @@ PLACE: Final = 5
 """Where the four that change begin, from the end."""
 
 
-@njit(cache=True)
+@borrowing
 def _clipped(value: float, low: float, high: float) -> float:
     return min(max(value, low), high)
 
 
-@njit(cache=True)
+@borrowing
 def observe_configuration(
     row: NDArray[np.float32], q: Floats, goal: Floats, scales: Floats, geometry: Geometry
 ) -> None:
@@ -76,7 +76,7 @@ def observe_configuration(
     row[row.size - 1] = _clipped(pose_clearance(q, geometry) / scales[ROOM], 0.0, 1.0)
 
 
-@njit(cache=True)
+@borrowing
 def observe_place(
     row: NDArray[np.float32],
     cost: float,

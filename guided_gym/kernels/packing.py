@@ -13,7 +13,7 @@ import numpy.typing as npt
 from numba import njit
 
 from guided_gym.kernels.collision import ENTRY, HEADER, NUMBERS, ROW, TABLE
-from guided_gym.kernels.plain import NO, YES, ZERO
+from guided_gym.kernels.plain import NO, YES, ZERO, borrowing
 
 FloatArray = npt.NDArray[np.float64]
 IntArray = npt.NDArray[np.int64]
@@ -109,7 +109,7 @@ def box_tree(boxes: FloatArray) -> tuple[IntArray, FloatArray, IntArray]:
     return order, nodes[:n].copy(), rows[:n].copy()
 
 
-@njit(cache=True)
+@borrowing
 def _put_boxes(boxes: FloatArray, numbers: FloatArray, at: int) -> int:
     """Write boxes one after the other; return where they end."""
     for i in range(boxes.shape[0]):
@@ -253,7 +253,7 @@ def pack_linkage(
     return room[:at].copy(), rows
 
 
-@njit(cache=True)
+@borrowing
 def _put_piece(
     xy: FloatArray,
     first: int,

@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
+from guided_gym.kernels.plain import borrowing
 
-@njit(cache=True)
+
+@borrowing
 def shrink(pixels: NDArray[np.uint32], factor: int, out: NDArray[np.uint8]) -> None:
     """Average blocks of factor x factor pixels.
 

@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 from guided_gym.kernels.collision import Geometry, motion_fraction, motion_free
 from guided_gym.kernels.metric import Metric, interpolate, separation
 from guided_gym.kernels.nearest import State, k_nearest
+from guided_gym.kernels.plain import borrowing
 
 Floats: TypeAlias = NDArray[np.float64]
 Int32s: TypeAlias = NDArray[np.int32]
@@ -48,7 +49,7 @@ class Roads(NamedTuple):
     nearest: State  # index over the first vertices
 
 
-@njit(cache=True)
+@borrowing
 def _farthest(x: Floats, at: int, ways: Ways, geometry: Geometry) -> int:
     """The last of the waypoints from `at` on that x sees, one after the other; it sees `at`."""
     while ways.following[at] >= 0 and motion_free(x, ways.points[ways.following[at]], geometry):

@@ -32,13 +32,14 @@ from guided_gym.kernels.nearest import (
     point_distance2,
     wrapped,
 )
+from guided_gym.kernels.plain import borrowing
 
 Int32s: TypeAlias = NDArray[np.int32]
 
 ROUNDING = 1.0 + 1e-12  # widens radii before pruning: these bounds do not round monotonically
 
 
-@njit(cache=True)
+@borrowing
 def _offset(points: Floats, i: int, work: Floats, j: int, turned: int) -> float:
     """Coordinate j of point `i` minus the query, the short way round, the other way if `turned` says so."""
     period = work[points.shape[1] + j]
@@ -50,7 +51,7 @@ def _offset(points: Floats, i: int, work: Floats, j: int, turned: int) -> float:
     return delta
 
 
-@njit(cache=True)
+@borrowing
 def _shifted_distance2(points: Floats, i: int, work: Floats, halves: Floats, row: int, turned: int) -> float:
     """Squared distance of the origin from `offset + t * halves[row]`, t in [-1, 1]."""
     d = points.shape[1]
@@ -69,7 +70,7 @@ def _shifted_distance2(points: Floats, i: int, work: Floats, halves: Floats, row
     return total
 
 
-@njit(cache=True)
+@borrowing
 def segment_distance2(points: Floats, i: int, work: Floats, halves: Floats, row: int) -> float:
     """Squared distance between a segment and a configuration, over every way round.
 
@@ -91,7 +92,7 @@ def segment_distance2(points: Floats, i: int, work: Floats, halves: Floats, row:
     return best
 
 
-@njit(cache=True)
+@borrowing
 def load_segment(work: Floats, a: Floats, b: Floats, halves: Floats, row: int) -> float:
     """Load the midpoint of the short way from `a` to `b` as the query; return half of its length.
 

@@ -15,10 +15,10 @@ from __future__ import annotations
 from typing import TypeAlias
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
 from guided_gym.kernels.nearest import Floats, Ints
+from guided_gym.kernels.plain import borrowing
 
 Int32s: TypeAlias = NDArray[np.int32]
 Adjacency: TypeAlias = tuple[Int32s, Int32s, Int32s]
@@ -40,13 +40,13 @@ _SETTLED = -1  # marks in `place`: not affected, or done
 _WAITING = -2  # affected, without a finite distance so far
 
 
-@njit(cache=True)
+@borrowing
 def _before(distance: Floats, u: int, v: int) -> bool:
     """Order of the heap: by distance, ties by index."""
     return distance[u] < distance[v] or (distance[u] == distance[v] and u < v)
 
 
-@njit(cache=True)
+@borrowing
 def _sift_up(heap: Int32s, place: Int32s, distance: Floats, slot: int) -> None:
     v = heap[slot]
     while slot > 0:
@@ -60,7 +60,7 @@ def _sift_up(heap: Int32s, place: Int32s, distance: Floats, slot: int) -> None:
     place[v] = slot
 
 
-@njit(cache=True)
+@borrowing
 def _pop(heap: Int32s, place: Int32s, distance: Floats, size: int) -> int:
     """Remove the first vertex of a heap of `size` and return it."""
     first: int = heap[0]
@@ -82,7 +82,7 @@ def _pop(heap: Int32s, place: Int32s, distance: Floats, size: int) -> int:
     return first
 
 
-@njit(cache=True)
+@borrowing
 def _settle(graph: Adjacency, tree: Tree, scratch: Scratch, size: int) -> None:
     """Run Dijkstra's algorithm from a heap of `size` vertices over those not marked as settled."""
     indptr, neighbours, edge_of = graph
@@ -123,7 +123,7 @@ def solve(graph: Adjacency, tree: Tree, scratch: Scratch, source: int) -> None:
     place[:] = _SETTLED
 
 
-@njit(cache=True)
+@borrowing
 def _raise(ends: Int32s, tree: Tree, scratch: Scratch, edge: int, weight: float, count: int) -> int:
     """Raise one edge; the vertex that hangs on it joins the first `count` affected ones."""
     weights, _, _, parent_edge = tree
@@ -140,7 +140,7 @@ def _raise(ends: Int32s, tree: Tree, scratch: Scratch, edge: int, weight: float,
     return count
 
 
-@njit(cache=True)
+@borrowing
 def _collect(graph: Adjacency, tree: Tree, scratch: Scratch, count: int) -> int:
     """Extend the first `count` affected vertices by their subtrees and return the new count."""
     indptr, neighbours, _ = graph
@@ -159,7 +159,7 @@ def _collect(graph: Adjacency, tree: Tree, scratch: Scratch, count: int) -> int:
     return count
 
 
-@njit(cache=True)
+@borrowing
 def _reconnect(graph: Adjacency, tree: Tree, scratch: Scratch, v: int) -> None:
     """Give an affected vertex its best settled neighbour as a parent, if any."""
     indptr, neighbours, edge_of = graph
@@ -176,7 +176,7 @@ def _reconnect(graph: Adjacency, tree: Tree, scratch: Scratch, v: int) -> None:
     distance[v], parent[v], parent_edge[v] = best, best_parent, best_edge
 
 
-@njit(cache=True)
+@borrowing
 def _repair(graph: Adjacency, tree: Tree, scratch: Scratch, roots: int) -> int:
     """Mend the subtrees under the first `roots` affected vertices.
 
@@ -207,7 +207,7 @@ def _repair(graph: Adjacency, tree: Tree, scratch: Scratch, roots: int) -> int:
     return changed
 
 
-@njit(cache=True)
+@borrowing
 def raise_weights(
     graph: Adjacency, ends: Int32s, tree: Tree, scratch: Scratch, edge_ids: Ints, new_weights: Floats
 ) -> int:

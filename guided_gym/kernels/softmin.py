@@ -7,8 +7,10 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
+from guided_gym.kernels.plain import borrowing
 
-@njit(cache=True)
+
+@borrowing
 def choice_efficiency(energy: NDArray[np.float64], n: int, node: int, epsilon: float) -> tuple[float, float]:
     """(-log Q(node), -log max Q) of the smoothed softmin over ``energy[:n]``.
 
@@ -59,7 +61,7 @@ def choice_efficiencies(
     return out
 
 
-@njit(cache=True)
+@borrowing
 def _efficiency(
     chosen: float, n: int, lowest: float, highest: float, total: float, epsilon: float
 ) -> tuple[float, float]:
@@ -74,7 +76,7 @@ def _efficiency(
     return max(0.0, share), max(0.0, whole - np.log(1.0 + gamma))
 
 
-@njit(cache=True)
+@borrowing
 def energy_of(
     cost: float, tau: float, optimum: float, scale: float, temperatures: tuple[float, float]
 ) -> float:
@@ -83,7 +85,7 @@ def energy_of(
     return (delta / temperatures[0] + tau / temperatures[1]) / scale
 
 
-@njit(cache=True)
+@borrowing
 def settle_energies(
     taus: NDArray[np.float64],
     costs: NDArray[np.float64],

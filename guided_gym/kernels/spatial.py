@@ -47,6 +47,7 @@ from guided_gym.kernels.packing import (
     TOOL,
     TOOL_NUMBERS,
 )
+from guided_gym.kernels.plain import borrowing
 
 FloatArray = npt.NDArray[np.float64]
 IntArray = npt.NDArray[np.int64]
@@ -76,18 +77,18 @@ _AIM = 0.02
 """How far off the right direction costs a gap at most, in tolerances."""
 
 
-@njit(cache=True)
+@borrowing
 def _solid_row(index: IntArray, solid: int) -> int:
     table = index[TABLE]
     return table + TABLE_HEADER + JOINT_ROW * index[table + JOINTS] + SOLID_ROW * solid
 
 
-@njit(cache=True)
+@borrowing
 def _body_row(index: IntArray, body: int) -> int:
     return _solid_row(index, index[index[TABLE] + SOLIDS]) + BODY_ROW * body
 
 
-@njit(cache=True)
+@borrowing
 def _pair_row(index: IntArray, pair: int) -> int:
     return _body_row(index, index[index[TABLE] + BODIES]) + PAIR_ROW * pair
 
@@ -95,7 +96,7 @@ def _pair_row(index: IntArray, pair: int) -> int:
 # Frames -----------------------------------------------------------------------------------------------------
 
 
-@njit(cache=True)
+@borrowing
 def _first_frame(
     numbers: FloatArray, at: int, value: float, rate: float, slides: bool, own: FloatArray
 ) -> None:
@@ -119,7 +120,7 @@ def _first_frame(
     own[ORIGIN], own[ORIGIN + 1], own[ORIGIN + 2] = ox, oy, oz
 
 
-@njit(cache=True)
+@borrowing
 def _next_frame(
     numbers: FloatArray,
     at: int,
@@ -171,7 +172,7 @@ def _next_frame(
         own[TURNS] += abs(rate)
 
 
-@njit(cache=True)
+@borrowing
 def _frames(
     numbers: FloatArray,
     index: IntArray,
@@ -195,7 +196,7 @@ def _frames(
             _next_frame(numbers, at, value, rate, index[row] > 0, state[j - 1], state[j])
 
 
-@njit(cache=True)
+@borrowing
 def _placed(own: FloatArray, numbers: FloatArray, at: int) -> tuple[float, float, float]:
     """A point of a joint's frame, where it is."""
     x, y, z = numbers[at], numbers[at + 1], numbers[at + 2]
@@ -206,7 +207,7 @@ def _placed(own: FloatArray, numbers: FloatArray, at: int) -> tuple[float, float
     )
 
 
-@njit(cache=True)
+@borrowing
 def _along(own: FloatArray, x: float, y: float, z: float, nx: float, ny: float, nz: float) -> float:
     """Velocity along a normal of the point (x, y, z) that moves with a frame."""
     x, y, z = x - own[ORIGIN], y - own[ORIGIN + 1], z - own[ORIGIN + 2]
@@ -221,7 +222,7 @@ def _along(own: FloatArray, x: float, y: float, z: float, nx: float, ny: float, 
 # A segment and a solid --------------------------------------------------------------------------------------
 
 
-@njit(cache=True)
+@borrowing
 def _from_core(
     numbers: FloatArray, s: int, kind: int, x: float, y: float, z: float
 ) -> tuple[float, float, float]:
@@ -235,7 +236,7 @@ def _from_core(
     return x - min(max(x, -hx), hx), y - min(max(y, -hy), hy), dz
 
 
-@njit(cache=True)
+@borrowing
 def _nearest(
     numbers: FloatArray,
     s: int,
@@ -278,7 +279,7 @@ def _nearest(
     return px, py, pz
 
 
-@njit(cache=True)
+@borrowing
 def _gaps(
     numbers: FloatArray,
     s: int,
@@ -326,7 +327,7 @@ def _gaps(
     )
 
 
-@njit(cache=True)
+@borrowing
 def _gap(
     numbers: FloatArray,
     s: int,
@@ -339,13 +340,13 @@ def _gap(
     return min(one, two)
 
 
-@njit(cache=True)
+@borrowing
 def gap(numbers: FloatArray, kind: int, a: FloatArray, b: FloatArray) -> float:
     """The same of a solid whose numbers are at the 2nd place, and a segment given by its ends (3,), (3,)."""
     return _gap(numbers, 2, kind, (a[0], a[1], a[2]), (b[0], b[1], b[2]))
 
 
-@njit(cache=True)
+@borrowing
 def _beyond(numbers: FloatArray, s: int, kind: int, x: float, y: float, z: float, reach: float) -> bool:
     """Whether a ball around (x, y, z) is off a half-space, or off the ball around another solid."""
     x, y, z = x - numbers[s], y - numbers[s + 1], z - numbers[s + 2]
@@ -355,7 +356,7 @@ def _beyond(numbers: FloatArray, s: int, kind: int, x: float, y: float, z: float
     return x * x + y * y + z * z > reach * reach
 
 
-@njit(cache=True)
+@borrowing
 def _far_off(
     numbers: FloatArray,
     s: int,
@@ -395,13 +396,13 @@ def _balls(numbers: FloatArray, index: IntArray, state: FloatArray) -> FloatArra
     return balls
 
 
-@njit(cache=True)
+@borrowing
 def _off_solid(numbers: FloatArray, s: int, kind: int, ball: FloatArray, by: float) -> bool:
     """Whether a ball is farther than that from a solid."""
     return _beyond(numbers, s, kind, ball[CENTRE], ball[CENTRE + 1], ball[CENTRE + 2], ball[BALL] + by)
 
 
-@njit(cache=True)
+@borrowing
 def _off_each_other(one: FloatArray, two: FloatArray, by: float) -> bool:
     """Whether two balls are farther apart than that."""
     x, y, z = one[CENTRE] - two[CENTRE], one[CENTRE + 1] - two[CENTRE + 1], one[CENTRE + 2] - two[CENTRE + 2]
@@ -409,7 +410,7 @@ def _off_each_other(one: FloatArray, two: FloatArray, by: float) -> bool:
     return x * x + y * y + z * z > reach * reach
 
 
-@njit(cache=True)
+@borrowing
 def _speed_between(numbers: FloatArray, index: IntArray, d: FloatArray, first: int, row: int) -> float:
     """How far any point of a body moves, seen from the frame of the joint before the first, at most."""
     table, turns, speed = index[TABLE], 0.0, 0.0
@@ -430,7 +431,7 @@ def _speed_between(numbers: FloatArray, index: IntArray, d: FloatArray, first: i
 # Poses ------------------------------------------------------------------------------------------------------
 
 
-@njit(cache=True)
+@borrowing
 def _pair_ends(
     numbers: FloatArray, index: IntArray, q: FloatArray, still: FloatArray, pair: int, state: FloatArray
 ) -> tuple[int, tuple[float, float, float], tuple[float, float, float], float]:
@@ -505,7 +506,7 @@ def _pose_clearance(numbers: FloatArray, index: IntArray, q: FloatArray) -> floa
 # Motions ----------------------------------------------------------------------------------------------------
 
 
-@njit(cache=True)
+@borrowing
 def _first_root(gap: float, rate: float, bend: float) -> float:
     """Smallest positive root of gap + rate t - bend t^2, for gap > 0 and bend >= 0; infinite for none."""
     root = math.sqrt(rate * rate + 4.0 * bend * gap)
@@ -514,7 +515,7 @@ def _first_root(gap: float, rate: float, bend: float) -> float:
     return 2.0 * gap / (root - rate) if root - rate > 0.0 else np.inf
 
 
-@njit(cache=True)
+@borrowing
 def _pair_fraction(
     numbers: FloatArray,
     index: IntArray,
@@ -596,7 +597,7 @@ def _motion_fraction(
     return _own_fraction(numbers, index, q, d, balls, state, later, fraction, whole)
 
 
-@njit(cache=True)
+@borrowing
 def _own_fraction(
     numbers: FloatArray,
     index: IntArray,

@@ -22,6 +22,7 @@ from guided_gym.kernels.extend import (
 from guided_gym.kernels.fields import BoolArray, Field, FloatArray, Ground, Joined
 from guided_gym.kernels.marching import Front, arrive, values
 from guided_gym.kernels.metric import Metric, ball_samples, separation, separations
+from guided_gym.kernels.plain import borrowing
 
 ROUGH = 1.1  # lengths: the grid is no more exact than that
 
@@ -119,7 +120,7 @@ def _join_nodes(waves: Waves, known: Known, nodes: Nodes, first: int, last: int,
     known.values[first:last] = found
 
 
-@njit(cache=True)
+@borrowing
 def _least(h: FloatArray, nodes: Nodes, n: int, terms: Terms) -> int:
     """The first of the nodes of least value, as `Composed.values` has it; -1 where all are infinite."""
     best, chosen = np.inf, -1

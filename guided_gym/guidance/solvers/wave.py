@@ -126,6 +126,20 @@ def obstacle_edges(environment: Environment) -> FloatArray:
     return edges
 
 
+class Beginnings(NamedTuple):
+    """Where a wave begins.
+
+    Attributes:
+        places: (m,) flat places of poses in the grid.
+        distances: (m,) how far they are from the goal.
+        looks: How many motions to the goal have been checked for collision.
+    """
+
+    places: NDArray[np.int64]
+    distances: FloatArray
+    looks: int
+
+
 @dataclass(frozen=True, eq=False)
 class PoseGrid:
     """What is known of a problem apart from its goal: the square around the workspace, and the robot in it.
@@ -224,12 +238,12 @@ class PoseGrid:
         frame[fields.GOAL : fields.GOAL + goal.size] = goal
         return frame
 
-    def beginnings(self, frame: FloatArray) -> tuple[NDArray[np.int64], FloatArray]:
-        """Where the wave begins: flat places (m,) of poses near the goal, and their distance to it (m,).
+    def beginnings(self, frame: FloatArray) -> Beginnings:
+        """Where the wave begins.
 
-        Those from which the straight motion to the goal is free; if there is none, the likeliest.
+        At poses near the goal from which the straight motion to it is free; if there is none, the likeliest.
         """
-        places, poses = fields.poses_near_goal(self.room.shape, frame, _NEAR_GOAL)
+        places, poses, distances = fields.poses_near_goal(self.room.shape, frame, _NEAR_GOAL)
         goal = frame[fields.GOAL : fields.GOAL + (3 if self.room.shape[2] > 1 else 2)]
         ends = np.ascontiguousarray(poses[:, : goal.size])
         chosen = np.zeros(len(ends), np.bool_)
@@ -239,15 +253,7 @@ class PoseGrid:
             fields.look_around(self.ground, places)
             spare = fields.spare_room(goal, ends, self.ground, frame, _SURE_PARTS)
             chosen = spare >= 0.0 if (spare >= 0.0).any() else spare == spare.max()
-        apart = frame[fields.GOAL : fields.GOAL + 3] - poses[chosen]
-        turns = apart[:, 2] / (2.0 * math.pi)
-        apart[:, 2] = frame[fields.WEIGHT] * 2.0 * math.pi * (turns - np.floor(turns + 0.5))
-        squares = apart * apart
-        return places[chosen], np.sqrt(squares[:, 0] + squares[:, 1] + squares[:, 2])
-
-    def looks(self, frame: FloatArray) -> int:
-        """How many motions have been checked for collision: those of links, and those to the goal."""
-        return self.link_looks + len(fields.poses_near_goal(self.room.shape, frame, _NEAR_GOAL)[0])
+        return Beginnings(places[chosen], distances[chosen], len(places))
 
 
 def _is_raster(kept: Arrays, cells: int, turns: int, fine: int) -> bool:
@@ -302,7 +308,9 @@ class Arrivals(NamedTuple):
         seems: (n, n, T) above 0 where a pose seems free.
         front: The wave as far as it has run.
         floor: (p,) when it came at the latest before: it comes no earlier.
-        sources: Where the wave begins; see `PoseGrid.beginnings`.
+        sources: Where the wave begins.
+        blocked: Whether something seemed blocked on the way from the start, when it was first asked for; None
+            before.
     """
 
     grid: PoseGrid
@@ -310,7 +318,13 @@ class Arrivals(NamedTuple):
     seems: Field
     front: Front
     floor: Field
-    sources: tuple[NDArray[np.int64], FloatArray]
+    sources: Beginnings
+    blocked: bool | None = None
+
+    @property
+    def looks(self) -> int:
+        """How many motions have been checked for collision: those of links, and those to the goal."""
+        return self.grid.link_looks + self.sources.looks
 
     def at(self, joined: fields.Joined) -> FloatArray:
         """(m,) cost-to-go of configurations that are joined to the grid."""
@@ -380,7 +394,7 @@ class WaveModel:
 
     def slowness(self, grid: PoseGrid) -> Field:
         """(n, n, T) 1/p: the expected number of tries; NaN where the room decides, if it is asked for."""
-        return np.full(grid.room.shape, np.float32(np.nan))
+        return np.broadcast_to(np.float32(np.nan), grid.room.shape)
 
     def begin(self, grid: PoseGrid, goal: FloatArray, start: FloatArray | None = None) -> Arrivals:
         """A wave that has not run.
@@ -407,7 +421,7 @@ class WaveModel:
         self,
         grid: PoseGrid,
         frame: FloatArray,
-        sources: tuple[NDArray[np.int64], FloatArray],
+        sources: Beginnings,
         start: FloatArray | None,
         slow: Field,
         effort: Field,
@@ -415,8 +429,8 @@ class WaveModel:
     ) -> Front:
         target = np.zeros(0) if start is None else np.append(start, 0.0)[:3]
         doors = marching.bordered(grid.closed, 0) if grid.closed.size else grid.closed.reshape(-1)
-        limits = self.blocked, slowest
-        return marching.begin(slow, effort, grid.room.shape, doors, limits, *sources, frame, target)
+        limits, places, distances = (self.blocked, slowest), sources.places, sources.distances
+        return marching.begin(slow, effort, grid.room.shape, doors, limits, places, distances, frame, target)
 
     def evaluate(self, grid: PoseGrid, goal: FloatArray) -> CostField:
         """The cost-to-go field for a goal."""
@@ -464,7 +478,10 @@ class WaveModel:
         cells = self.cells
         for finer in range(_FINER):
             found = self.begin(self._grid(space, cells), goal, start)
-            if not self.plans or finer == _FINER - 1 or not found.blocked_from(start):
+            if not self.plans:
+                break
+            found = found._replace(blocked=found.blocked_from(start))
+            if finer == _FINER - 1 or not found.blocked:
                 break
             cells = max(cells * 3 // 2 // 8 * 8, cells + 8)
             if not is_affordable(_grid_bytes(cells, self.headings)):
@@ -530,8 +547,9 @@ class Wave:
         # Now, and before anything was raised.
         self._now = self._first = self.model.solve(query.space, query.start, query.goal)
         self._slow, self._effort = self._now.front.slow, self._now.front.effort
-        self.hopeless = self._now.blocked_from(query.start)
-        self.looks = self._now.grid.looks(self._now.frame)
+        blocked = self._now.blocked
+        self.hopeless = self._now.blocked_from(query.start) if blocked is None else blocked
+        self.looks = self._now.looks
         self._forbidden = np.zeros((0, query.space.dimension)), np.zeros(0)  # states, and how far around them
         self._waiting = self._runs = 0  # raised since the last run, and runs since the beginning
         self._joined = self._now.join(query.start[None])  # of the nodes; spare rows included

@@ -23,8 +23,7 @@ def frame_of(side: float = 1.0, n: int = N, weight: float = 0.0, goal: tuple[flo
 
 def waved(slowness: np.ndarray, frame: np.ndarray) -> np.ndarray:
     """A wave from the poses around the goal, as if nothing were in between."""
-    places, poses = fields.poses_near_goal(slowness.shape, frame, 2)
-    values = np.array([fields.goal_distance(*pose, frame) for pose in poses])
+    places, _, values = fields.poses_near_goal(slowness.shape, frame, 2)
     return marched(slowness, places, values, frame)
 
 
@@ -234,8 +233,7 @@ def test_wave__towards_a_target_comes_there_before_it_looks_elsewhere() -> None:
     slowness = np.ones((N, N, 8), np.float32)
     slowness[:20, 15:17] = 100.0
     frame = frame_of(weight=0.1, goal=(0.8, 0.2, 0.3))
-    places, poses = fields.poses_near_goal(slowness.shape, frame, 2)
-    values = np.array([fields.goal_distance(*pose, frame) for pose in poses])
+    places, _, values = fields.poses_near_goal(slowness.shape, frame, 2)
     flat, doors = marching.bordered(slowness, np.inf), OPEN.reshape(-1)
     rest = (slowness.shape, doors, (100.0, 100.0), places, values, frame)
     ground = ground_of(np.zeros((0, 4)), np.zeros((1, 3)), 0.0, 8, frame)
@@ -258,7 +256,7 @@ def test_wave__towards_a_target_comes_there_before_it_looks_elsewhere() -> None:
 
 def test_poses_near_goal__are_the_cells_around_it_and_the_headings_beside() -> None:
     frame = frame_of(weight=0.1, goal=(0.5, 0.02, -0.1))
-    places, poses = fields.poses_near_goal((N, N, 8), frame, 2)
+    places, poses, distances = fields.poses_near_goal((N, N, 8), frame, 2)
     rows, columns, headings = np.unravel_index(places, (N, N, 8))
     assert len(set(places.tolist())) == len(places) == len(poses)
     assert sorted(set(rows)) == [0, 1, 2, 3]  # there are none below
@@ -266,7 +264,9 @@ def test_poses_near_goal__are_the_cells_around_it_and_the_headings_beside() -> N
     assert sorted(set(headings)) == [0, 7]
     expected = np.column_stack([(columns + 0.5) / N, (rows + 0.5) / N, 2 * math.pi * headings / 8])
     assert poses == pytest.approx(expected)
-    places, poses = fields.poses_near_goal((N, N, 1), frame, 0)
+    turn = 0.1 * np.angle(np.exp(1j * (expected[:, 2] + 0.1)))
+    assert distances == pytest.approx(np.hypot(np.hypot(expected[:, 0] - 0.5, expected[:, 1] - 0.02), turn))
+    places, poses, _ = fields.poses_near_goal((N, N, 1), frame, 0)
     assert places.tolist() == [0 * N + 15, 0 * N + 16, 1 * N + 15, 1 * N + 16]
     assert (poses[:, 2] == frame[fields.GOAL + 2]).all()
 

@@ -100,7 +100,7 @@ def test_the_wave_does_not_begin_behind_a_thin_wall() -> None:
     problem = Problem(Robot.point(), environment, Task((0.3, 0.5), (0.505, 0.5)))
     grid = PoseGrid.of(problem.space, 32, 8)
     frame = grid.towards(problem.task.goal)
-    places, distances = grid.beginnings(frame)
+    places, distances, _ = grid.beginnings(frame)
     x = frame[fields.ORIGIN_X] + places % 32 * frame[fields.CELL]
     y = frame[fields.ORIGIN_Y] + places // 32 * frame[fields.CELL]
     assert (x > 0.48).all()
@@ -117,7 +117,7 @@ def test_the_wave_of_a_goal_without_room_begins_at_the_best_pose_near_it() -> No
         Task((0.15, 0.5, 0), (0.5, 0.5, np.pi / 2)),
     )
     grid = PoseGrid.of(problem.space, 24, 8)
-    places, distances = grid.beginnings(grid.towards(problem.task.goal))
+    places, distances, _ = grid.beginnings(grid.towards(problem.task.goal))
     assert len(places) >= 1
     assert np.isfinite(WaveModel(24, 8).evaluate(grid, problem.task.goal).values).all()
     assert distances.max() < 3 / 24 * np.sqrt(2) + problem.space.weights[2] * 2 * np.pi / 8
