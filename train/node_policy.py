@@ -1,11 +1,12 @@
-"""PPO with the node scorer as its policy: MaskablePPO on what `LearnedGuidance` sees of a growing tree.
+"""PPO with the node scorer as its policy: MaskablePPO on what `ScoredGuidance` sees of a growing tree.
 
-What is learned is the scorer of an agent, on a field that stays as it is; the agent that comes of it runs as
-any other, by `make_guidance("learned:FOLDER")`.
+What is learned is the scorer of an agent, on a field, or a belief in motions, that stays as it is; the agent
+that comes of it runs as any other, by `make_guidance("learned:FOLDER")`.
 """
 
 from __future__ import annotations
 
+import copy
 from collections.abc import Callable
 from dataclasses import asdict, dataclass
 from pathlib import Path
@@ -26,12 +27,14 @@ from guided_gym.checks import integer
 from guided_gym.compute.workers import Workers
 from guided_gym.envs.guide_selection_env import Unobserved
 from guided_gym.envs.guided_search_env import GuidedSearchEnv
-from guided_gym.guidance.base import GuidingSpace
 from guided_gym.guidance.learned import weights
 from guided_gym.guidance.learned.agent import LearnedAgent, LearnedGuidance
 from guided_gym.guidance.learned.field import FieldArchitecture, FieldModel
 from guided_gym.guidance.learned.field import plain_tensors as plain_field
 from guided_gym.guidance.learned.folders import agent_folder
+from guided_gym.guidance.learned.motion_agent import MOTION_KIND, MotionAgent
+from guided_gym.guidance.learned.motion_guidance import MotionGuidance
+from guided_gym.guidance.learned.scored import ScoredGuidance
 from guided_gym.guidance.learned.scorer import ScorerArchitecture, ScorerColumn, ScorerModel
 from guided_gym.guidance.learned.scorer import plain_tensors as plain_scorer
 from guided_gym.train import networks
@@ -41,6 +44,14 @@ from guided_gym.train.specs import package_version
 from guided_gym.train.terminal import Progress
 
 _COLUMNS = len(ScorerColumn) + 1  # and what is taken from the score
+_KEPT = (
+    "kind",
+    "robot",
+    "field",
+    "belief",
+    "estimate",
+    "scorer",
+)  # of the card of the agent that it began with
 _MOST = 1e4  # no column of the scorer is negative, and none that large
 
 
@@ -51,7 +62,7 @@ class PPOConfig(ReinforcementConfig):
     Attributes:
         start: Where to begin: ``"scratch"`` with random weights on an untaught field, ``"plain"`` with the
             scorer that imitation begins with on that field, or an agent (a folder, or a shipped one's name)
-            with its field.
+            with all but its scorer: one of a field, or one of motions.
         cells: Cells along each side of an untaught field's raster.
         headings: Headings of its grid.
         scorer_hidden: Units of each layer of the scorer; an agent that is named brings its own.
@@ -93,13 +104,13 @@ def train_ppo(
 
 
 class ScorerObservation(gymnasium.Wrapper[Any, Any, Any, Any]):
-    """What the node scorer sees, as a Dict observation of a search that a `LearnedGuidance` expands.
+    """What the node scorer sees, as a Dict observation of a search that a `ScoredGuidance` expands.
 
     ``columns`` (max_nodes * 9,) float32: of node i, the `ScorerColumn` and what failures take from its score,
     zeros beyond the tree. ``action_mask`` (max_nodes,) int8: 1 for the nodes that there are.
 
     Args:
-        env: A search environment whose expansion is a `LearnedGuidance`.
+        env: A search environment whose expansion is a `ScoredGuidance`.
     """
 
     def __init__(self, env: GuidedSearchEnv) -> None:
@@ -137,9 +148,9 @@ class ScorerObservation(gymnasium.Wrapper[Any, Any, Any, Any]):
         return inner
 
     @property
-    def _guidance(self) -> LearnedGuidance:
+    def _guidance(self) -> ScoredGuidance:
         guidance = self._search.expander
-        assert isinstance(guidance, LearnedGuidance)
+        assert isinstance(guidance, ScoredGuidance)
         return guidance
 
     def _observation(self) -> dict[str, NDArray[Any]]:
@@ -215,22 +226,37 @@ class _ScorerTrainee(Trainee):
 
     def __init__(self, config: PPOConfig) -> None:
         self.config = config
+        self.agent: LearnedAgent | MotionAgent
         if config.start in ("scratch", "plain"):
-            self.field = FieldArchitecture(cells=config.cells, headings=config.headings)
-            self.scorer = ScorerArchitecture(hidden=config.scorer_hidden)
-            self.parts = {"field": plain_field(self.field), "scorer": plain_scorer(self.scorer)}
+            field = FieldArchitecture(cells=config.cells, headings=config.headings)
+            scorer = ScorerArchitecture(hidden=config.scorer_hidden)
+            card = {"field": asdict(field), "scorer": asdict(scorer)}
+            parts = {"field": plain_field(field), "scorer": plain_scorer(scorer)}
+            models = FieldModel(field, parts["field"]), ScorerModel(scorer, parts["scorer"])
+            self.agent = LearnedAgent(card, *models)
+            self.tensors = {f"{part}.{name}": t for part, some in parts.items() for name, t in some.items()}
         else:
             folder = agent_folder(config.start)
-            agent = LearnedAgent.load(folder)  # checks what it reads
-            self.field, self.scorer = agent.field.architecture, agent.scorer.architecture
-            _, tensors = weights.load_agent(folder)
-            self.parts = {part: weights.part_of(tensors, part) for part in ("field", "scorer")}
+            moves = weights.card_kind(folder) == MOTION_KIND
+            self.agent = (MotionAgent if moves else LearnedAgent).load(folder)  # checks what it reads
+            kind = self.agent.card["kind"]
+            self.tensors = weights.load_agent(folder, kind, ("format", "kind"))[1]
+        self.scorer = self.agent.scorer.architecture
 
-    def _agent(self, scorer: Tensors) -> LearnedAgent:
-        return LearnedAgent({}, FieldModel(self.field, self.parts["field"]), ScorerModel(self.scorer, scorer))
+    def _guidance(self, scorer: Tensors) -> ScoredGuidance:
+        """The guidance of the agent with another scorer, which selects."""
+        agent = copy.copy(self.agent)
+        agent.scorer = ScorerModel(self.scorer, scorer)
+        if isinstance(agent, MotionAgent):
+            return MotionGuidance(agent, scored=True)
+        return LearnedGuidance(agent, scored=True)
+
+    def _own(self) -> Tensors:
+        """The tensors of the agent's scorer."""
+        return weights.part_of(self.tensors, "scorer")
 
     def environment(self, name: str) -> gymnasium.Env[Any, Any]:
-        guidance = LearnedGuidance(self._agent(self.parts["scorer"]))
+        guidance = self._guidance(self._own())
         samples = self.config.max_samples
         env = GuidedSearchEnv(
             name,
@@ -258,7 +284,7 @@ class _ScorerTrainee(Trainee):
             if self.config.start == "scratch":
                 scorer.linear.weight.zero_()
             elif self.config.start != "plain":
-                networks.load_scorer(scorer, self.parts["scorer"])
+                networks.load_scorer(scorer, self._own())
             if not last.weight.any():  # asleep, it would take long to wake
                 nn.init.normal_(last.weight, std=0.01)
 
@@ -266,11 +292,13 @@ class _ScorerTrainee(Trainee):
         assert isinstance(model.policy, NodeScorerPolicy)
         return {name: t.copy() for name, t in networks.scorer_tensors(model.policy.scorer).items()}
 
-    def guidance(self, tensors: Tensors) -> GuidingSpace:
-        return LearnedGuidance(self._agent(tensors))
+    def guidance(self, tensors: Tensors) -> ScoredGuidance:
+        return self._guidance(tensors)
 
     def write(self, folder: Path, card: dict[str, Any], tensors: Tensors) -> None:
-        named = {f"field.{name}": t for name, t in self.parts["field"].items()}
+        named = {name: t for name, t in self.tensors.items() if not name.startswith("scorer.")}
         named.update({f"scorer.{name}": t for name, t in tensors.items()})
-        sizes = {"field": asdict(self.field), "scorer": asdict(self.scorer)}
-        weights.save_agent(folder, {**card, "package_version": package_version(), **sizes}, named)
+        kept = {name: self.agent.card[name] for name in _KEPT if name in self.agent.card}
+        if isinstance(self.agent, MotionAgent):
+            kept["selection"] = {"scored": True}  # by default, such agents select without their scorer
+        weights.save_agent(folder, {**card, "package_version": package_version(), **kept}, named)

@@ -15,6 +15,7 @@ from typing import Any, Final, Protocol
 
 import numpy as np
 import shapely
+from numpy.typing import NDArray
 
 from guided_gym.checks import instance, integer, number, shown
 from guided_gym.errors import InvalidInputError
@@ -523,7 +524,7 @@ class Predicted(Nothing):
         self.effort = number("effort", effort, least=0)
         self.least = number("least", least, above=0, below=1)
 
-    def doubts(self, space: ConfigurationSpace) -> _Expected:
+    def doubts(self, space: ConfigurationSpace) -> Expected:
         """What is believed of the motions of a space.
 
         Raises:
@@ -534,19 +535,38 @@ class Predicted(Nothing):
                 f"predicted: expected the configuration space of a body, got a plane of {space.dimension} "
                 "dimensions through one"
             )
-        return _Expected(self.model.on(space), self.effort, self.least)
+        return Expected(self.model.on(space), self.effort, self.least)
 
 
-class _Expected:
-    """A belief as factors on lengths."""
+class Expected:
+    """A belief as factors on lengths, which may be checked."""
 
     def __init__(self, belief: Belief, effort: float, least: float) -> None:
         self._belief, self._effort, self._least = belief, effort, least
+        self._checked: ConfigurationSpace | None = None
+        self._checks = 0
 
     @property
     def looks(self) -> int:
-        """Configurations that were looked at in the raster."""
-        return self._belief.looks
+        """Configurations that were looked at in the raster, and motions that were checked."""
+        return self._belief.looks + self._checks
+
+    @property
+    def checking(self) -> bool:
+        """Whether motions are checked before a way takes them."""
+        return self._checked is not None
+
+    def check_in(self, space: ConfigurationSpace) -> None:
+        """Check motions in a space from now on, before a way takes them."""
+        self._checked = space
+
+    def refuted(self, starts: Floats, ends: Floats) -> NDArray[np.bool_]:
+        """(n,) whether motions were checked and are not free."""
+        if self._checked is None:
+            return np.zeros(len(starts), np.bool_)
+        self._checks += len(starts)
+        free = self._checked.motions_free(np.ascontiguousarray(starts), np.ascontiguousarray(ends))
+        return np.asarray(~free)
 
     def factors(self, starts: Floats, ends: Floats) -> Floats:
         """(n,) expected number of tries of each motion, weighted; infinite if it is held not to be free."""

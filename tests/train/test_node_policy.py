@@ -97,7 +97,33 @@ def test_it_begins_with_the_weights_of_an_agent(finished, tmp_path):
     agent = LearnedAgent.load(finished / "agent")
     _, tensors = weights.load_agent(finished / "agent")
     assert all(np.array_equal(tensors[f"scorer.{name}"], t) for name, t in begun.items())
-    assert trainee.field == agent.field.architecture
+    assert trainee.agent.field.architecture == agent.field.architecture
+
+
+def test_the_scorer_of_an_agent_of_motions_is_taught_and_selects_in_what_is_written(tmp_path):
+    trainee = _ScorerTrainee(replace(TINY, start="planar-arm-4", environments=("RandomPlanarArm4",)))
+    env = trainee.environment("RandomPlanarArm4")
+    model = trainee.model(DummyVecEnv([lambda: env]), dict(OPTIONS))
+    with torch.no_grad():
+        for parameter in model.policy.scorer.parameters():
+            parameter.mul_(0.5)
+    taught = trainee.export(model)
+    trainee.write(tmp_path / "agent", {"name": "taught", "training": {}, "metrics": {}}, taught)
+    guidance = make_guidance(f"learned:{tmp_path / 'agent'}")
+    assert guidance.scored
+    observation, _ = env.reset(seed=1)
+    own, search = env._guidance, env.unwrapped.search
+    own.scorer, own.temperature = guidance.scorer, 1.0  # on the roadmap that this search has drawn
+    for _ in range(6):
+        assert env.observation_space.contains(observation)
+        tensors, _ = model.policy.obs_to_tensor(observation)
+        with torch.no_grad():
+            policy = model.policy.get_distribution(tensors, action_masks=env.action_masks()).distribution
+        p = own.distribution(search.tree)
+        assert policy.probs[0].numpy()[: p.size] == pytest.approx(p, abs=1e-5)
+        observation, _, terminated, truncated, _ = env.step(int(np.argmax(p)))
+        if terminated or truncated:
+            break
 
 
 def test_what_cannot_work_is_refused_before_anything_is_written(finished, tmp_path):

@@ -14,7 +14,7 @@ from guided_gym.errors import InvalidInputError
 from guided_gym.guidance.composed import AVOID, Composed, Lesson
 from guided_gym.guidance.learned.motion_agent import MotionAgent, load_motion_agent
 from guided_gym.guidance.learned.scored import ScoredGuidance, class_of
-from guided_gym.guidance.modifications import UNCHANGED, Inner, Predicted
+from guided_gym.guidance.modifications import UNCHANGED, Expected, Inner, Predicted
 from guided_gym.guidance.solvers.estimated import Estimated
 from guided_gym.guidance.solvers.roadmap import Roadmap
 from guided_gym.guidance.solvers.shortened import Shortened
@@ -52,6 +52,8 @@ class MotionGuidance(ScoredGuidance):
         checked: Vertices of that roadmap of the inner bodies, with as many neighbours and anchors. It is
             drawn, and checked for collision, only when it is needed. 0 for none: the network guides then.
         shortened: Whether the best way on the roadmap is shortened, and followed (see `Shortened`).
+        trust: Failures after which the belief alone is not trusted any more: from then on, what a way would
+            take is checked for collision first, and counted. None for never.
         candidates: Members of N_C(v) that a proposal looks at; None for as many as the search's options say.
 
     Raises:
@@ -78,6 +80,7 @@ class MotionGuidance(ScoredGuidance):
         effort: float = 1.0,
         checked: int = 8000,
         shortened: bool = True,
+        trust: int | None = 4,
         candidates: int | None = None,
     ) -> None:
         self.agent = agent if isinstance(agent, MotionAgent) else load_motion_agent(str(agent))
@@ -101,6 +104,7 @@ class MotionGuidance(ScoredGuidance):
         self.scorer = self.agent.scorer
         self.scored = flag("scored", scored)
         self.failure_penalty = number("failure_penalty", failure_penalty, least=0)
+        self.trust = None if trust is None else integer("trust", trust, least=0)
         self._first, self._last = estimate, estimate
         if integer("checked", checked, least=0) and sees == "both":
             self._last = Composed(
@@ -114,6 +118,21 @@ class MotionGuidance(ScoredGuidance):
         """Have the roadmap begin."""
         self.fallback = self._first
         super().prepare()
+        self._look_where_it_failed(0)
+
+    def feedback(self, expansion: Expansion) -> None:
+        """As in `Composed`; after so many failures, ways are checked."""
+        super().feedback(expansion)
+        if expansion.contact is not None:
+            self._look_where_it_failed(self.search.tree.failure_count)
+
+    def _look_where_it_failed(self, failures: int) -> None:
+        """Have ways checked from now on, if there are just as many failures as the belief is trusted for."""
+        doubts = self.query.doubts
+        if failures == self.trust and isinstance(doubts, Expected):
+            doubts.check_in(self.space)
+            if isinstance(self.solver, Shortened):
+                self.solver.forget()
 
     def select(self, tree: SearchTree) -> int:
         """As in `Composed`; the checked roadmap begins where no node has a way for the first time."""

@@ -108,7 +108,7 @@ class Roadmap(GraphCostToGo):
         gone = np.append(hopeless, False)[graph.edges].any(axis=1)
         made = Graph(points, graph._replace(lengths=np.where(gone, np.inf, graph.lengths)), len(points) - 1)
         self._doubted = DoubtedGraph(made, doubts)
-        self._told = np.zeros((0, 0), np.bool_)  # which anchors of the nodes have been asked about
+        self._told = np.zeros((0, 0), np.int8)  # how often anchors of the nodes have been asked about
         return made
 
     @property
@@ -175,7 +175,7 @@ class Roadmap(GraphCostToGo):
         nodes = self._nodes
         assert nodes is not None
         if len(nodes) > len(self._told):
-            told = np.zeros((2 * len(nodes), nodes.anchors.vertices.shape[1]), np.bool_)
+            told = np.zeros((2 * len(nodes), nodes.anchors.vertices.shape[1]), np.int8)
             told[: len(self._told), : self._told.shape[1]] = self._told
             self._told = told
         if not self._doubted.look_from(states, nodes.anchors, self._told, node):

@@ -7,7 +7,7 @@ from typing import Final, NamedTuple
 
 import numpy as np
 
-from guided_gym.guidance.solvers.base import Floats, Query
+from guided_gym.guidance.solvers.base import Floats, Query, Valid
 from guided_gym.guidance.solvers.graph import Ints
 from guided_gym.guidance.solvers.roadmap import LIKELY, Roadmap
 from guided_gym.kernels.anchors import segments_touched
@@ -170,6 +170,10 @@ class Shortened(Roadmap):
         tails, heads = np.ascontiguousarray(tails), np.ascontiguousarray(heads)
         if self.query.doubts is not None:
             factors = self.query.doubts.factors(tails, heads)
+            if self._doubted.checking:
+                believed = np.flatnonzero(np.isfinite(factors))
+                refuted = self.query.doubts.refuted(tails[believed], heads[believed])  # type: ignore[attr-defined]
+                factors[believed[refuted]] = np.inf
             self._count_asked()
         else:
             self.looks += len(tails)
@@ -191,11 +195,10 @@ class Shortened(Roadmap):
         if not self._inspections or not free.size:
             return free
         space = self.query.space
-        parts = np.ceil(space.distance(tails, heads) / (_SPACING * self.step)).astype(np.int64) + 1
+        parts = np.maximum(np.ceil(space.distance(tails, heads) / (_SPACING * self.step)), 1).astype(np.int64)
         owner = np.repeat(np.arange(len(tails)), parts)
-        share = (np.arange(len(owner)) - np.repeat(np.cumsum(parts) - parts, parts)) / np.maximum(
-            np.repeat(parts, parts) - 1, 1
-        )
+        done = np.repeat(np.cumsum(parts) - parts, parts)
+        share = (np.arange(len(owner)) - done + 1) / np.repeat(parts, parts)
         states = space.interpolate(tails[owner], heads[owner], share)
         near = np.zeros(len(states), np.bool_)
         for state, reach, _ in self._inspections:
@@ -250,11 +253,24 @@ class Shortened(Roadmap):
         if way is None:
             return
         if segments_touched(way.points[:-1], way.points[1:], state, reach, metric).size:
-            self._way, self._along = None, np.zeros(0)
+            self.forget()
         elif self._nodes is not None and len(self._along):
             n = len(self._along)
             near = segments_touched(self._nodes.states(np.arange(n)), self._joints[:n], state, reach, metric)
             self._along[near] = np.inf
+
+    def forget(self) -> None:
+        """Give the way up; another one is laid when h is asked for."""
+        self._way, self._along = None, np.zeros(0)
+
+    def inspect(self, state: Floats, reach: float, valid: Valid) -> None:
+        """As of any roadmap; a way through what is not valid is given up, and joints are asked about anew."""
+        super().inspect(state, reach, valid)
+        self._along = np.zeros(0)
+        if self._way is not None:
+            near = self.query.space.distance(self._way.points, state) <= reach
+            if near.any() and not valid(self._way.points[near]).all():
+                self._way = None
 
     def ahead(self, origin: Floats) -> Floats:
         """(k, d') states at most a step from another one, on the way or on motions to it."""

@@ -26,6 +26,7 @@ from guided_gym.guidance.solvers.roadmap import Roadmap
 from guided_gym.kernels.belief import motion_columns, parts_of, rooms_along
 from guided_gym.planning import guided_search
 from guided_gym.problems import Problem
+from guided_gym.search.search import NO_NODE
 
 AGENT = "planar-arm-4"
 
@@ -137,6 +138,48 @@ def test_where_nothing_is_believed_in_a_checked_roadmap_guides_and_is_counted(
     assert other.samples > 2 * result.samples
     again = guided_search(problem, checked, seed=0, max_samples=200, measure=False)
     assert np.array_equal(again.tree.configurations, result.tree.configurations)
+
+
+def _credulous() -> MotionAgent:
+    """An agent that holds every motion to be free."""
+    agent, architecture = load_motion_agent(AGENT), BeliefArchitecture(hidden=1)
+    always = {name: np.zeros(shape, np.float32) for name, shape in architecture.shapes().items()}
+    always["last.bias"] += 9.0
+    return MotionAgent(agent.card, BeliefModel(architecture, always), agent._estimate, agent.scorer)
+
+
+@pytest.mark.parametrize("shortened", [False, True])
+def test_after_some_failures_ways_are_checked_and_counted(problem: Problem, shortened: bool) -> None:
+    options = {"vertices": 2000, "shortened": shortened}
+    found = {
+        trust: guided_search(
+            problem,
+            MotionGuidance(_credulous(), trust=trust, **options),
+            seed=0,
+            max_samples=300,
+            measure=False,
+        )
+        for trust in (0, 3, None)
+    }
+    failures = {trust: int((r.record.child == NO_NODE).sum()) for trust, r in found.items()}
+    assert found[0].solved and found[3].solved
+    assert failures[0] < 0.5 * failures[None]
+    assert 3 <= failures[3] < 0.5 * failures[None]
+    for result in found.values():
+        assert result.looks <= result.collision_checks
+
+
+def test_checks_refute_what_is_not_free_and_count_as_looks(problem: Problem) -> None:
+    space, expected = problem.space, Predicted(AGENT).doubts(problem.space)
+    rng = np.random.default_rng(0)
+    starts, ends = space.sample(rng, 60), space.sample(rng, 60)
+    assert not expected.checking
+    assert not expected.refuted(starts, ends).any()
+    assert expected.looks == 0
+    expected.check_in(space)
+    assert expected.checking
+    assert np.array_equal(expected.refuted(starts, ends), ~np.asarray(space.motions_free(starts, ends)))
+    assert expected.looks == 60
 
 
 def test_a_checked_roadmap_is_not_drawn_where_the_belief_sees_a_way(problem: Problem) -> None:
