@@ -23,7 +23,6 @@ from guided_gym.checks import count, integer
 from guided_gym.compute.workers import MapTasks, Workers, in_order, worker_pool
 from guided_gym.errors import InvalidInputError
 from guided_gym.guidance.base import GuidingSpace
-from guided_gym.guidance.composed import AVOID
 from guided_gym.guidance.learned import weights
 from guided_gym.guidance.learned.agent import LearnedAgent, LearnedGuidance
 from guided_gym.guidance.learned.folders import agent_folder
@@ -35,14 +34,16 @@ from guided_gym.train.specs import package_version
 from guided_gym.train.terminal import Progress
 from guided_gym.train.validation import Found, rank, searched, validated
 
-_OF_LESSON: Final = {"reach": AVOID.reach, "factor": AVOID.factor}
 _BEGIN: Final = {
-    weights.AGENT_KIND: {"detour": 0.5, "expansion_penalty": 0.1, **_OF_LESSON},
+    weights.AGENT_KIND: {"detour": 0.5, "expansion_penalty": 0.1},
     MOTION_KIND: {"detour": 0.5, "expansion_penalty": 0.1, "effort": 1.0},
 }
-"""What is sought for each kind of agent, and where from."""
-_LEAST: Final = {"factor": 1.0}
-"""What numbers lie above, where that is not 0: the logarithm of how far above is varied."""
+"""What is sought for each kind of agent, and where: numbers above 0, whose logarithms are varied."""
+_GIVEN: Final[dict[str, dict[str, Any]]] = {
+    weights.AGENT_KIND: {"scored": False, "unforeseen": True},
+    MOTION_KIND: {"scored": False},
+}
+"""What else agents select by. Where all expand alike, nearly all failures are foreseen."""
 _SPREAD: Final = 0.7  # of the first generation's logarithms
 _MOST: Final = 1_000_000  # bytes of a search's result, about
 
@@ -132,16 +133,14 @@ class _Run:
     def searcher(self, numbers: Mapping[str, float]) -> GuidingSpace:
         """The agent selecting by these numbers."""
         kind: Any = MotionGuidance if self.kind == MOTION_KIND else LearnedGuidance
-        guidance: GuidingSpace = kind(self.agent, scored=False, **numbers)
+        guidance: GuidingSpace = kind(self.agent, **_GIVEN[self.kind], **numbers)
         return guidance
 
     def numbers(self, logarithms: NDArray[np.float64]) -> dict[str, float]:
         """The numbers that a candidate stands for."""
         factors = np.exp(np.clip(logarithms, -5.0, 5.0))
-        least = {name: _LEAST.get(name, 0.0) for name in self.begin}
         return {
-            name: float(f"{least[name] + (at - least[name]) * f:.4g}")
-            for (name, at), f in zip(self.begin.items(), factors, strict=True)
+            name: float(f"{at * f:.4g}") for (name, at), f in zip(self.begin.items(), factors, strict=True)
         }
 
     def all_stages(self) -> dict[str, Any]:
@@ -222,7 +221,7 @@ class _Run:
         card |= {
             "name": self.folder.path.name,
             "package_version": package_version(),
-            "selection": {"scored": False, **best["numbers"]},
+            "selection": {**_GIVEN[self.kind], **best["numbers"]},
             "training": {"method": "selection", **asdict(self.config), "before": earlier},
             "metrics": {"validation": best, "history": self.state["history"]},
         }

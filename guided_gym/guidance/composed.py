@@ -50,15 +50,19 @@ class Lesson:
         reach: How far around it ways get costlier; 0 for the way that begins there, alone.
         factor: How many times costlier; infinite forbids.
         check: How far around the collision the ways that run there are validated; 0 for not at all.
+        unforeseen: Whether failures that the solver foresaw teach nothing. Where somebody else proposes, most
+            of them say only what it knew: that a random motion beside an obstacle collides.
     """
 
     node: bool = False
     reach: float = 0.1
     factor: float = math.inf
     check: float = 0.0
+    unforeseen: bool = False
 
     def __post_init__(self) -> None:
         flag("node", self.node)
+        flag("unforeseen", self.unforeseen)
         number("reach", self.reach, least=0)
         number("check", self.check, least=0)
         if self.factor != math.inf:
@@ -310,7 +314,7 @@ class Composed(GuidingSpace):
     def feedback(self, expansion: Expansion) -> None:
         """Teach the solver what a failure means, or have it begin anew in another E'."""
         self._least = None
-        if expansion.contact is not None:
+        if expansion.contact is not None and not (self.lesson.unforeseen and self._foresaw(expansion)):
             failure = (self.search.tree.configurations[expansion.node], expansion.contact)
             self._failures.append(failure)
             revised = self.environment.revised(self.space, expansion.contact)
@@ -322,6 +326,16 @@ class Composed(GuidingSpace):
                     self._teach(*earlier)
         if self.fallback is not None:
             self.fallback.feedback(expansion)
+
+    def _foresaw(self, expansion: Expansion) -> bool:
+        """Whether the solver would not have tried a motion: it sees no way from its end, or a wall before."""
+        origin, target = self.search.tree.configurations[expansion.node], expansion.target[None]
+        self.costs(self.search.tree)  # the solver has seen the node
+        if not np.isfinite(self.heuristic(self.project(self.search.tree, target))[0]):
+            return True
+        plausible = getattr(self.solver, "plausible", None)
+        length = separations(np.ascontiguousarray(target), origin, self.space.metric)
+        return plausible is not None and not plausible(expansion.node, length)[0]
 
     def _teach(self, node: Floats, contact: Floats) -> None:
         lesson, before = self.lesson, self.solver.looks

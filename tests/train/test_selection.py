@@ -14,7 +14,7 @@ import pytest
 pytest.importorskip("cmaes")
 
 from guided_gym.errors import InvalidInputError, StorageError
-from guided_gym.guidance.composed import Lesson
+from guided_gym.guidance.composed import AVOID
 from guided_gym.guidance.learned import weights
 from guided_gym.guidance.learned.agent import LearnedGuidance, fingerprint, guidance_class
 from guided_gym.guidance.learned.folders import SHIPPED
@@ -60,7 +60,7 @@ def test_the_better_numbers_on_validation_problems_are_what_the_agent_selects_by
     assert not guidance.scored
     assert guidance.detour == card["selection"]["detour"]
     assert guidance.expansion_penalty == card["selection"]["expansion_penalty"]
-    assert guidance.lesson == Lesson(reach=card["selection"]["reach"], factor=card["selection"]["factor"])
+    assert guidance.lesson.unforeseen
 
 
 def test_the_weights_are_those_of_the_agent_before(finished: Path) -> None:
@@ -95,13 +95,11 @@ def test_a_charge_for_each_search_without_an_end(tmp_path: Path) -> None:
 
 def test_candidates_search_with_what_they_stand_for(tmp_path: Path) -> None:
     run = selection._Run(TINY, tmp_path / "run", None)
-    begin = {"detour": 0.5, "expansion_penalty": 0.1, "reach": 0.5, "factor": 3.0}
-    assert run.numbers(np.zeros(4)) == run.begin == begin
-    sought = {"detour": 1.0, "expansion_penalty": 0.05, "reach": 0.25, "factor": 1.5}
-    assert run.numbers(np.log([2.0, 0.5, 0.5, 0.25])) == sought  # a factor of less than 1 would draw on
-    found = run.searcher(sought)
+    assert run.numbers(np.zeros(2)) == run.begin == {"detour": 0.5, "expansion_penalty": 0.1}
+    assert run.numbers(np.log([2.0, 0.5])) == {"detour": 1.0, "expansion_penalty": 0.05}
+    found = run.searcher({"detour": 1.0})
     assert isinstance(found, LearnedGuidance)
-    assert found.lesson == Lesson(reach=0.25, factor=1.5)
+    assert (found.detour, found.scored, found.lesson) == (1.0, False, replace(AVOID, unforeseen=True))
     arm = selection._Run(replace(TINY, agent="planar-arm-4"), tmp_path / "arm", None)
     assert set(arm.begin) == {"detour", "expansion_penalty", "effort"}
     arm.searcher(arm.begin)
@@ -117,6 +115,7 @@ def test_candidates_search_with_what_they_stand_for(tmp_path: Path) -> None:
         [1.0],
         {"detour": "1"},
         {"factor": 0.5},
+        {"unforeseen": 1},
     ],
 )
 def test_a_card_of_another_selection_is_refused(finished: Path, tmp_path: Path, entry: Any) -> None:

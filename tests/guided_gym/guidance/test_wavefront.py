@@ -20,7 +20,7 @@ from guided_gym.options import SearchOptions
 from guided_gym.planning import SearchResult, guided_search
 from guided_gym.problems import Problem, Task
 from guided_gym.randomness import streams
-from guided_gym.search.search import Search
+from guided_gym.search.search import NO_NODE, Expansion, Search
 
 Walled = Callable[[str], Problem]
 
@@ -120,6 +120,28 @@ def test_a_wall_however_thin_is_gone_around(robot: Robot, thickness: float) -> N
     assert min(run.samples for run in runs) <= 20
 
 
+@pytest.mark.parametrize(
+    ("target", "teaches"),
+    [
+        ((5.3, 5.0), True),  # across the string, of which the raster knows nothing
+        ((5.0, 4.3), False),  # into the wall
+        ((5.4, 4.2), False),  # through the wall: nearer to the goal by more than the motion is long
+        ((4.0, 5.3), True),  # away from all; that it should fail there is news
+    ],
+)
+def test_feedback__of_a_failure_that_was_foreseen_teaches_nothing(
+    string: Problem, target: tuple[float, float], teaches: bool
+) -> None:
+    for unforeseen in (False, True):
+        search, guidance = begun(string, (4.6, 4.2), unforeseen=unforeseen, reach=1.0)
+        before = guidance.costs(search.tree).copy()
+        looks = search.looks
+        expansion = Expansion(1, np.array(target), NO_NODE, np.array([5.0, 4.9]), False)
+        guidance.feedback(expansion)
+        assert np.array_equal(guidance.costs(search.tree), before) is (unforeseen and not teaches)
+        assert search.looks - looks == int(unforeseen)
+
+
 @pytest.mark.parametrize("scale", [1e-9, 1e-6, 1e6])
 def test_the_unit_of_length_does_not_matter(scale: float) -> None:
     def scaled(by: float) -> SearchResult:
@@ -161,6 +183,7 @@ def test_a_region_around_a_goal_without_room_is_reached(clearance: float, tolera
         ("candidates", 1.5),
         ("detour", -1),
         ("factor", 0.5),
+        ("unforeseen", 1),
     ],
 )
 def test_options__are_checked(option: str, value: object) -> None:
@@ -174,7 +197,9 @@ def test_options__say_how_fine_the_raster_is(walled: Walled) -> None:
     assert searched(walled("rectangle"), 300, cells=24, headings=12).solved
 
 
-@pytest.mark.parametrize("name", ["wave(robot=disc)", "wave(robot=point)", "wave(detour=0.5)"])
+@pytest.mark.parametrize(
+    "name", ["wave(robot=disc)", "wave(robot=point)", "wave(detour=0.5)", "wave(unforeseen=true)"]
+)
 def test_wave__grows_the_same_tree_in_bursts_as_sample_by_sample(name: str) -> None:
     """A trace asks sample by sample, with failures in between."""
     failed = 0
