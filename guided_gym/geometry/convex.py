@@ -84,10 +84,10 @@ def cover_polygons(polygons: Sequence[shapely.Polygon] | npt.NDArray[np.object_]
     shapes = np.asarray(polygons, dtype=object)
     holes = shapely.get_num_interior_rings(shapes)
     rings = shapes[holes == 0] if holes.any() else shapes
-    ends = np.cumsum(shapely.get_num_coordinates(rings), dtype=np.int64)
-    vertices, sizes = convex_rings(shapely.get_coordinates(rings), ends)
-    if len(sizes) == len(shapes) and sizes.all():
-        return Pieces(vertices, np.cumsum(sizes))
+    counts = shapely.get_num_coordinates(rings)
+    vertices, sizes, ends, convex_all = convex_rings(shapely.get_coordinates(rings), counts)
+    if convex_all and len(sizes) == len(shapes):
+        return Pieces(vertices, ends)
     convex = np.flatnonzero(holes == 0)[sizes > 0]
     others = np.ones(len(shapes), dtype=bool)
     others[convex] = False

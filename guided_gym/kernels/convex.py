@@ -12,7 +12,7 @@ import numpy as np
 import numpy.typing as npt
 from numba import njit
 
-from guided_gym.kernels.plain import ZERO, borrowing
+from guided_gym.kernels.plain import YES, ZERO, borrowing
 
 FloatArray = npt.NDArray[np.float64]
 IntArray = npt.NDArray[np.int64]
@@ -62,26 +62,29 @@ def _turns_left(xy: FloatArray, first: int, n: int) -> bool:
 
 
 @njit(cache=True)
-def convex_rings(xy: FloatArray, ends: IntArray) -> tuple[FloatArray, IntArray]:
+def convex_rings(
+    xy: FloatArray, counts: npt.NDArray[np.int32]
+) -> tuple[FloatArray, IntArray, IntArray, bool]:
     """Of closed rings, those that are convex, counter-clockwise and without superfluous vertices.
 
     Args:
         xy: (n, 2) vertices of all rings; each begins and ends with the same one.
-        ends: (r,) where each ring ends in `xy`.
+        counts: (r,) how many of them belong to each ring.
 
     Returns:
-        (m, 2) vertices of the convex rings, and (r,) how many of them belong to each ring; 0 if not convex.
+        (m, 2) vertices of the convex rings; (r,) how many of them belong to each ring, 0 if it is not convex;
+        (r,) where each ring ends among them; whether all are convex.
     """
-    out, sizes = np.empty_like(xy), np.zeros(ends.size, dtype=np.int64)
-    ring = np.empty(xy.shape[0], dtype=np.int64)
-    at, first = int(ZERO), int(ZERO)
-    for i in range(ends.size):
+    out, sizes = np.empty_like(xy), np.zeros(counts.size, dtype=np.int64)
+    ring, ends = np.empty(xy.shape[0], dtype=np.int64), np.empty_like(sizes)
+    at, first, convex = int(ZERO), int(ZERO), bool(YES)
+    for i in range(counts.size):
         n = 0
-        for k in range(first, ends[i] - 1):
+        for k in range(first, first + counts[i] - 1):
             if n == 0 or xy[k, 0] != xy[ring[n - 1], 0] or xy[k, 1] != xy[ring[n - 1], 1]:
                 ring[n] = k
                 n += 1
-        first = ends[i]
+        first += counts[i]
         while n > 1 and xy[ring[0], 0] == xy[ring[n - 1], 0] and xy[ring[0], 1] == xy[ring[n - 1], 1]:
             n -= 1
         n = _emit(xy, ring, n, out, at)
@@ -96,7 +99,9 @@ def convex_rings(xy: FloatArray, ends: IntArray) -> tuple[FloatArray, IntArray]:
         if _turns_left(out, at, n):
             sizes[i] = n
             at += n
-    return out[:at], sizes
+        convex &= sizes[i] > 0
+        ends[i] = at
+    return out[:at], sizes, ends, convex
 
 
 @borrowing

@@ -35,7 +35,7 @@ from guided_gym.kernels.cost_grid import (
 )
 from guided_gym.kernels.eikonal import LINK_THETA, LINK_X, LINK_Y, PAD, FieldArray, LinkArray
 from guided_gym.kernels.metric import Metric, placed, separation
-from guided_gym.kernels.plain import NO, ONE, YES, borrowing, copy_row, where_least
+from guided_gym.kernels.plain import NO, ONE, YES, borrowing, copy_row, owning, where_least
 
 FloatArray = npt.NDArray[np.float64]
 OracleState = tuple[FieldArray, LinkArray, FloatArray, Geometry]
@@ -59,7 +59,7 @@ def _goal_distance(frame: FloatArray, x: float, y: float, theta: float) -> float
     return math.sqrt(dx * dx + dy * dy + turn * turn)
 
 
-@njit(cache=True)
+@borrowing
 def cost_to_go_one(q: FloatArray, state: OracleState) -> float:
     """True shortest-path distance from a free pose to the goal (paper's d_C); infinite where none is known.
 
@@ -204,7 +204,7 @@ def _trilinear(
     return lower + ft * (low + fy * (high - low) - lower)
 
 
-@njit(cache=True)
+@owning
 def _beside_obstacles(
     field: FieldArray,
     links: LinkArray,

@@ -90,11 +90,12 @@ def _offer(
     field: FieldArray,
     links: LinkArray,
     v: int,
+    k: int,
     stride: int,
     n_angles: int,
     weights: tuple[float, float, float],
 ) -> float:
-    """The value that the accepted neighbours of v give it."""
+    """The value that the accepted neighbours of v, which has the k-th angle, give it."""
     near, far = _upwind(field, links, v, v - stride, v - 2 * stride, v + stride, v + 2 * stride, int(LINK_X))
     w0, a0 = _term(near, far, weights[0])
     row = n_angles
@@ -102,7 +103,6 @@ def _offer(
     w1, a1 = _term(near, far, weights[1])
     w2, a2 = 1.0, np.inf
     if n_angles > 1:
-        k = v % n_angles
         lo, lo2, hi, hi2 = v - 1, v - 2, v + 1, v + 2
         if k < 2 or k >= n_angles - 2:
             lo += n_angles if k < 1 else 0
@@ -115,9 +115,13 @@ def _offer(
 
 
 @borrowing
-def _neighbours(links: LinkArray, v: int, stride: int, n_angles: int, near: npt.NDArray[np.int64]) -> None:
-    """Write the linked neighbours of v to `near`, before and after it along each axis, -1 where none."""
-    k = v % n_angles
+def _neighbours(
+    links: LinkArray, v: int, k: int, stride: int, n_angles: int, near: npt.NDArray[np.int64]
+) -> None:
+    """Write the linked neighbours of v to `near`, before and after it along each axis, -1 where none.
+
+    Its angle is the k-th: a remainder takes long, and neighbours' angles follow from one another.
+    """
     near[0], near[1], near[2], near[3] = v - stride, v + stride, v - n_angles, v + n_angles
     near[4] = v - 1 if k > 0 else v + n_angles - 1
     near[5] = v + 1 if k < n_angles - 1 else v - n_angles + 1
@@ -173,7 +177,7 @@ def _march(
 
     A fresh wave fills a field that is infinite; the other kind lowers one. Bucket b holds the vertices with
     trial values in base + [b, b + 1) * width, as a chain of entries: `head` of the
-    slot b % head.size, then `following`. The first `seeds` entries are there; in a fresh
+    slot b % head.size, a power of two, then `following`. The first `seeds` entries are there; in a fresh
     wave they are known vertices. A vertex may wait in several entries, of which all but
     the first that is reached are stale. Later entries are used again once they were
     reached: what waits at one time is the front of the wave, a small part of the grid.
@@ -184,8 +188,9 @@ def _march(
     weights = (1.0 / spacing[0] ** 2, 1.0 / spacing[1] ** 2, 1.0 / spacing[2] ** 2)
     near = np.empty(6, dtype=np.int64)
     used, live, bucket, spare = state[0], state[1], state[2], state[3]
+    around = head.size - 1
     while live > 0:
-        slot = bucket % head.size
+        slot = bucket & around
         while head[slot] >= 0:
             if waiting.size - used < _MOST_OFFERS:
                 state[0], state[1], state[2], state[3] = used, live, bucket, spare
@@ -199,7 +204,8 @@ def _march(
             if field[v] <= trial[v] and not (fresh and entry < seeds):
                 continue
             field[v] = trial[v]
-            _neighbours(links, v, stride, n_angles, near)
+            k = v % n_angles
+            _neighbours(links, v, k, stride, n_angles, near)
             # Just behind the corners of obstacles the wave fans out and differences are worst: for a few
             # vertices along its way, offer the diagonals of squares as straight lines too.
             levels[v] = _fan_level(field, levels, near, sides)
@@ -208,7 +214,8 @@ def _march(
                 if target < 6:
                     w = near[target]
                     if w >= 0 and (field[w] == _INF if fresh else field[w] > field[v]):
-                        u = _offer(field, links, w, stride, n_angles, weights)
+                        kw = k if target < 4 else k + w - v
+                        u = _offer(field, links, w, kw, stride, n_angles, weights)
                 else:
                     s, t = _SQUARES[target - 6, 0], _SQUARES[target - 6, 1]
                     w = _corner(links, v, near, s, t)
@@ -216,7 +223,7 @@ def _march(
                         u = field[v] + math.sqrt(spacing[s >> 1] ** 2 + spacing[t >> 1] ** 2)
                 if u < trial[w]:
                     trial[w] = u
-                    slot_w = max(int((u - base) / width), bucket) % head.size
+                    slot_w = max(int((u - base) / width), bucket) & around
                     place = used
                     if spare >= 0:
                         place, spare = spare, following[spare]
@@ -295,7 +302,7 @@ def _run(
     span = max(2.0 * float(lengths.max()), float(values.max(initial=0.0)) - base)
     width = max(0.1 * float(lengths.min()), span / _MAX_BUCKETS)
     n, m = links.size, first.size
-    head = np.full(int(span / width) + 3, -1, dtype=np.int64)
+    head = np.full(1 << (int(span / width) + 2).bit_length(), -1, dtype=np.int64)
     following, waiting = (np.empty(m + int(_FRONT * n) + _MOST_OFFERS, dtype=np.int32) for _ in range(2))
     waiting[:m] = first
     for entry, slot in enumerate(((values - base) / width).astype(np.int64)):
@@ -318,7 +325,7 @@ def flood(links: LinkArray, stride: int, n_angles: int, seeds: IndexArray) -> Fi
         size += 1
     while size > 0:
         size -= 1
-        _neighbours(links, stack[size], stride, n_angles, near)
+        _neighbours(links, stack[size], stack[size] % n_angles, stride, n_angles, near)
         for side in range(6):
             w = near[side]
             if w >= 0 and field[w] == _INF:

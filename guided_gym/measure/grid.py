@@ -220,8 +220,8 @@ class GridSolution:
         own.state = (field, links, frame, space.geometry)
         return own
 
-    def _solve(self, estimated: bool) -> None:
-        """Solve at the present refinement, or load what an earlier process solved."""
+    def _solve(self, estimated: bool, before: OracleState | None = None) -> None:
+        """Solve at the present refinement, or load what an earlier process solved; see `_compared`."""
         self.resolution = tuple(n * self._refinement for n in self._first)
         frame = _frame(self.space, self.goal, self.resolution)
         nx, ny, nt = (int(n) for n in frame[grid.COUNT_X : grid.COUNT_X + 3])
@@ -239,23 +239,27 @@ class GridSolution:
                 return
         else:
             self.state = _solved(self.space, frame)
-        self._error = self._compared() if estimated else None
+        self._error = self._compared(before) if estimated else None
         if self._error is None:
             store.save(key, *self.state[:2])
         else:
             store.save(key, *self.state[:2], self._error)
 
-    def _compared(self) -> OracleError:
+    def _compared(self, before: OracleState | None = None) -> OracleError:
         """The error, by how far a grid of half the resolution is from this one at some poses.
 
-        Poses that the coarser grid does not reach tell nothing and are left out.
+        Poses that the coarser grid does not reach tell nothing and are left out. The grid solved before this
+        one, if there is any, may be that coarser one.
         """
         poses = free_poses(self.space, np.random.default_rng(0), _POSES)
         coarse = tuple(max(4, (n + 1) // 2) for n in self.resolution)
         if coarse == self.resolution or not len(poses):
             return OracleError(0.0, 0.0) if not len(poses) else OracleError(1.0, 1.0)
         ours = cost_to_go_many(poses, self.state)
-        theirs = cost_to_go_many(poses, _solved(self.space, _frame(self.space, self.goal, coarse)))
+        frame = _frame(self.space, self.goal, coarse)
+        if before is None or not np.array_equal(before[2], frame):
+            before = _solved(self.space, frame)
+        theirs = cost_to_go_many(poses, before)
         known = np.isfinite(ours) & np.isfinite(theirs) & (ours > 0.0)
         if not known.any():
             return OracleError(1.0, 1.0) if np.isfinite(ours).any() else OracleError(0.0, 0.0)
@@ -275,7 +279,7 @@ class GridSolution:
                 warn_of(self.error, f"on {self!r}", self.options.budget)
                 return
             self._first, self._refinement = finer, 1
-            self._solve(estimated=True)
+            self._solve(estimated=True, before=self.state)
 
     def _key(self) -> str:
         digest = hashlib.sha256(
@@ -298,7 +302,7 @@ class GridSolution:
                     "through a narrower passage: raise the resolution (OracleOptions)"
                 )
             self._refinement *= 2
-            self._solve(estimated)
+            self._solve(estimated, before=self.state)
 
     def _may_double(self) -> bool:
         vertices = math.prod(self.resolution) * 2**self.space.dimension

@@ -377,3 +377,15 @@ def test_a_drawn_problem_takes_no_finer_grid_than_is_asked_for(monkeypatch):
     drawn = len(solved)
     guided_search(problem, "uninformed", max_samples=1, options=loose)
     assert drawn == 1 and len(solved) == 2 and max(solved) == solved[0]
+
+
+def test_a_grid_twice_as_fine_is_compared_with_the_one_before_it(monkeypatch):
+    problem = make_distribution("RandomMaze").problem(5)
+    space, goal = problem.space, problem.task.goal
+    monkeypatch.setattr(grid, "_checked_grid", {})
+    solved = grids_solved(monkeypatch)
+    refined = grid.GridSolution(space, goal, None, OracleOptions(), cache=False)
+    assert solved == [(64, 64, 28), (32, 32, 14), (128, 128, 56)]  # the first is half of the last
+    whole = grid.GridSolution(space, goal, None, OracleOptions(resolution=solved[-1]), cache=False)
+    assert refined.error == whole.error
+    np.testing.assert_array_equal(refined.field, whole.field)
