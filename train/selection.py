@@ -35,15 +35,10 @@ from guided_gym.train.terminal import Progress
 from guided_gym.train.validation import Found, rank, searched, validated
 
 _BEGIN: Final = {
-    weights.AGENT_KIND: {"detour": 0.5, "expansion_penalty": 0.1},
+    weights.AGENT_KIND: {"detour": 0.5, "expansion_penalty": 0.1, "foreseen": 1.0},
     MOTION_KIND: {"detour": 0.5, "expansion_penalty": 0.1, "effort": 1.0},
 }
 """What is sought for each kind of agent, and where: numbers above 0, whose logarithms are varied."""
-_GIVEN: Final[dict[str, dict[str, Any]]] = {
-    weights.AGENT_KIND: {"scored": False, "unforeseen": True},
-    MOTION_KIND: {"scored": False},
-}
-"""What else agents select by. Where all expand alike, nearly all failures are foreseen."""
 _SPREAD: Final = 0.7  # of the first generation's logarithms
 _MOST: Final = 1_000_000  # bytes of a search's result, about
 
@@ -133,7 +128,7 @@ class _Run:
     def searcher(self, numbers: Mapping[str, float]) -> GuidingSpace:
         """The agent selecting by these numbers."""
         kind: Any = MotionGuidance if self.kind == MOTION_KIND else LearnedGuidance
-        guidance: GuidingSpace = kind(self.agent, **_GIVEN[self.kind], **numbers)
+        guidance: GuidingSpace = kind(self.agent, scored=False, **numbers)
         return guidance
 
     def numbers(self, logarithms: NDArray[np.float64]) -> dict[str, float]:
@@ -145,7 +140,7 @@ class _Run:
 
     def all_stages(self) -> dict[str, Any]:
         """Run what is left."""
-        config, total = self.config, self.config.generations + 2
+        config, total = self.config, 2 * self.config.generations + 2
         optimizer = CMA(
             np.zeros(len(self.begin)), _SPREAD, seed=config.seed, population_size=config.population
         )
@@ -156,11 +151,13 @@ class _Run:
                 self._try(generation, candidates)
             losses = self.state["losses"][generation]
             optimizer.tell(list(zip(candidates, losses, strict=True)))
-        found = [self.begin, self.numbers(optimizer.mean)]
-        for place, numbers in enumerate(found):
+        best = [row for row in self.state["history"] if "share" in row]
+        found = {"nothing": self.begin, f"generation {config.generations}": self.numbers(optimizer.mean)}
+        found |= {f"the best of {row['what']}": {name: row[name] for name in self.begin} for row in best}
+        for place, (stage, numbers) in enumerate(found.items()):
             self.progress(config.generations + place, total, "Selection: validation")
             if place == len(self.state["judged"]):
-                self._judge(numbers, "generation " + str(config.generations) if place else "nothing")
+                self._judge(numbers, stage)
         self.progress(total, total, "Selection: done")
         return self._write_agent()
 
@@ -221,7 +218,7 @@ class _Run:
         card |= {
             "name": self.folder.path.name,
             "package_version": package_version(),
-            "selection": {**_GIVEN[self.kind], **best["numbers"]},
+            "selection": {"scored": False, **best["numbers"]},
             "training": {"method": "selection", **asdict(self.config), "before": earlier},
             "metrics": {"validation": best, "history": self.state["history"]},
         }

@@ -50,21 +50,21 @@ class Lesson:
         reach: How far around it ways get costlier; 0 for the way that begins there, alone.
         factor: How many times costlier; infinite forbids.
         check: How far around the collision the ways that run there are validated; 0 for not at all.
-        unforeseen: Whether failures that the solver foresaw teach nothing. Where somebody else proposes, most
-            of them say only what it knew: that a random motion beside an obstacle collides.
+        foreseen: What part of the reach a failure has that the solver foresaw; 0 for no lesson. Where
+            somebody else proposes, most say only what it knew: a random motion beside an obstacle collides.
     """
 
     node: bool = False
     reach: float = 0.1
     factor: float = math.inf
     check: float = 0.0
-    unforeseen: bool = False
+    foreseen: float = 1.0
 
     def __post_init__(self) -> None:
         flag("node", self.node)
-        flag("unforeseen", self.unforeseen)
         number("reach", self.reach, least=0)
         number("check", self.check, least=0)
+        number("foreseen", self.foreseen, least=0)
         if self.factor != math.inf:
             number("factor", self.factor, least=1)
 
@@ -121,7 +121,7 @@ class Composed(GuidingSpace):
         """Modify the problem, and have the solver begin."""
         self._unit = self.space.scale
         self._penalty = self.expansion_penalty * self._unit
-        self._failures: list[tuple[Floats, Floats]] = []
+        self._failures: list[tuple[Floats, Floats, float]] = []
         self._seek: tuple[Proof, ...] = (parted_workspace, parted_cells)
         self._begin(self.environment.environment(self.space.environment))
         if self.fallback is not None:
@@ -314,8 +314,11 @@ class Composed(GuidingSpace):
     def feedback(self, expansion: Expansion) -> None:
         """Teach the solver what a failure means, or have it begin anew in another E'."""
         self._least = None
-        if expansion.contact is not None and not (self.lesson.unforeseen and self._foresaw(expansion)):
-            failure = (self.search.tree.configurations[expansion.node], expansion.contact)
+        part = 1.0
+        if expansion.contact is not None and self.lesson.foreseen != 1.0 and self._foresaw(expansion):
+            part = self.lesson.foreseen
+        if expansion.contact is not None and part > 0.0:
+            failure = (self.search.tree.configurations[expansion.node], expansion.contact, part)
             self._failures.append(failure)
             revised = self.environment.revised(self.space, expansion.contact)
             if revised is None:
@@ -337,11 +340,11 @@ class Composed(GuidingSpace):
         length = separations(np.ascontiguousarray(target), origin, self.space.metric)
         return plausible is not None and not plausible(expansion.node, length)[0]
 
-    def _teach(self, node: Floats, contact: Floats) -> None:
+    def _teach(self, node: Floats, contact: Floats, part: float) -> None:
         lesson, before = self.lesson, self.solver.looks
         state = self._state(node if lesson.node else contact)
         if lesson.factor > 1:
-            self.solver.raise_near(state, lesson.reach * self._unit, lesson.factor)
+            self.solver.raise_near(state, part * lesson.reach * self._unit, lesson.factor)
         if lesson.check > 0 and self.robot.keeps:
             self.solver.inspect(state, lesson.check * self._unit, self._valid)
         self._count_looks(before)

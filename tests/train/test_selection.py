@@ -51,8 +51,9 @@ def card_of(folder: Path) -> dict[str, Any]:
 def test_the_better_numbers_on_validation_problems_are_what_the_agent_selects_by(finished: Path) -> None:
     card = card_of(finished / AGENT_FOLDER)
     judged = [row for row in card["metrics"]["history"] if "solved" in row]
-    assert len(judged) == 2
-    assert card["metrics"]["validation"]["stage"] in ("nothing", "generation 2")
+    stages = ["nothing", "generation 2", "the best of generation 1", "the best of generation 2"]
+    assert [row["what"] for row in judged] == [f"validation after {stage}" for stage in stages]
+    assert card["metrics"]["validation"]["stage"] in stages
     least = min(judged, key=lambda row: rank(row, selection=True))
     assert card["metrics"]["validation"]["total_efficiency"] == least["total_efficiency"]
     guidance = make_guidance(f"learned:{finished / AGENT_FOLDER}")
@@ -60,7 +61,7 @@ def test_the_better_numbers_on_validation_problems_are_what_the_agent_selects_by
     assert not guidance.scored
     assert guidance.detour == card["selection"]["detour"]
     assert guidance.expansion_penalty == card["selection"]["expansion_penalty"]
-    assert guidance.lesson.unforeseen
+    assert guidance.lesson == replace(AVOID, foreseen=card["selection"]["foreseen"])
 
 
 def test_the_weights_are_those_of_the_agent_before(finished: Path) -> None:
@@ -95,11 +96,12 @@ def test_a_charge_for_each_search_without_an_end(tmp_path: Path) -> None:
 
 def test_candidates_search_with_what_they_stand_for(tmp_path: Path) -> None:
     run = selection._Run(TINY, tmp_path / "run", None)
-    assert run.numbers(np.zeros(2)) == run.begin == {"detour": 0.5, "expansion_penalty": 0.1}
-    assert run.numbers(np.log([2.0, 0.5])) == {"detour": 1.0, "expansion_penalty": 0.05}
-    found = run.searcher({"detour": 1.0})
+    assert run.numbers(np.zeros(3)) == run.begin == {"detour": 0.5, "expansion_penalty": 0.1, "foreseen": 1.0}
+    sought = {"detour": 1.0, "expansion_penalty": 0.05, "foreseen": 0.25}
+    assert run.numbers(np.log([2.0, 0.5, 0.25])) == sought
+    found = run.searcher(sought)
     assert isinstance(found, LearnedGuidance)
-    assert (found.detour, found.scored, found.lesson) == (1.0, False, replace(AVOID, unforeseen=True))
+    assert (found.detour, found.scored, found.lesson) == (1.0, False, replace(AVOID, foreseen=0.25))
     arm = selection._Run(replace(TINY, agent="planar-arm-4"), tmp_path / "arm", None)
     assert set(arm.begin) == {"detour", "expansion_penalty", "effort"}
     arm.searcher(arm.begin)
@@ -115,7 +117,7 @@ def test_candidates_search_with_what_they_stand_for(tmp_path: Path) -> None:
         [1.0],
         {"detour": "1"},
         {"factor": 0.5},
-        {"unforeseen": 1},
+        {"foreseen": -0.5},
     ],
 )
 def test_a_card_of_another_selection_is_refused(finished: Path, tmp_path: Path, entry: Any) -> None:

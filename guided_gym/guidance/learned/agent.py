@@ -47,7 +47,7 @@ _OF_MOTIONS: Final = tuple(  # what runs an agent that believes in motions
 )
 
 
-SELECTION: Final = ("scored", "detour", "expansion_penalty", "reach", "factor", "unforeseen")
+SELECTION: Final = ("scored", "detour", "expansion_penalty", "reach", "factor", "foreseen")
 """Options of which a card may say what they are unless others are given."""
 
 
@@ -95,7 +95,7 @@ class LearnedGuidance(ScoredGuidance):
         expansion_penalty: What each expansion of a node adds to its h (natural lengths), without the scorer.
         reach: How far around a failure the field gets costlier (natural lengths; see `Lesson`).
         factor: How many times costlier.
-        unforeseen: Whether failures that the field foresaw teach nothing.
+        foreseen: What part of the reach a failure has that the field foresaw.
         candidates: Members of N_C(v) that a proposal looks at; None for as many as the search's options say.
 
     Raises:
@@ -117,13 +117,13 @@ class LearnedGuidance(ScoredGuidance):
         expansion_penalty: float = 0.1,
         reach: float = AVOID.reach,
         factor: float = AVOID.factor,
-        unforeseen: bool = False,
+        foreseen: float = 1.0,
         candidates: int | None = None,
     ) -> None:
         self.agent = agent if isinstance(agent, LearnedAgent) else load_named(str(agent))
         super().__init__(
             Wave.of(self.agent.field),
-            lesson=Lesson(reach=reach, factor=factor, unforeseen=unforeseen),
+            lesson=Lesson(reach=reach, factor=factor, foreseen=foreseen),
             detour=detour,
             temperature=temperature,
             expansion_penalty=expansion_penalty,

@@ -28,7 +28,6 @@ WEIGHTS_FILE: Final = "weights.safetensors"
 CARD_FORMAT: Final = 1
 AGENT_KIND: Final = "guided-gym agent"
 
-_FLAGS: Final = ("scored", "unforeseen")  # of a selection
 _REQUIRED: Final = ("format", "kind", "name", "package_version", "field", "scorer", "training", "metrics")
 
 
@@ -161,8 +160,8 @@ def selection_of(card: Mapping[str, Any], names: Collection[str]) -> dict[str, A
     for name, value in entry.items():
         least = 1 if name == "factor" else 0
         numeric = isinstance(value, int | float) and math.isfinite(value) and value >= least
-        if not (isinstance(value, bool) if name in _FLAGS else numeric and not isinstance(value, bool)):
-            wanted = "true or false" if name in _FLAGS else f"a number >= {least}"
+        if not (isinstance(value, bool) if name == "scored" else numeric and not isinstance(value, bool)):
+            wanted = f"a number >= {least}"
             raise StorageError(f"card: expected {wanted} as the selection's {name}, got {shown(value)}")
     return dict(entry)
 
