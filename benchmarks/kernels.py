@@ -20,7 +20,6 @@ from scipy.sparse import csr_array
 from scipy.sparse.csgraph import dijkstra
 from scipy.spatial import cKDTree
 
-from guided_gym.kernels.metric import Metric
 from guided_gym.kernels.nearest import State
 from guided_gym.kernels.nearest import insert as insert_kernel
 from guided_gym.kernels.nearest import nearest as nearest_kernel
@@ -90,7 +89,7 @@ def grow_scanning(points: np.ndarray, queries: np.ndarray, weights: np.ndarray, 
 
 def time_fused(points: np.ndarray, steps: np.ndarray) -> float:
     """Mean microseconds of query and insertion inside one kernel."""
-    index = GrowingIndex(Metric(WEIGHTS, PERIODS))
+    index = GrowingIndex((WEIGHTS, PERIODS))
     index.add_many(points)
     index.reserve(len(steps))
     start = time.thread_time()
@@ -101,7 +100,7 @@ def time_fused(points: np.ndarray, steps: np.ndarray) -> float:
 def time_nearest(n: int, rng: np.random.Generator) -> dict[str, float]:
     """One query and one insertion at n configurations (the index grows by a tenth at most)."""
     points, queries = sample(rng, n), sample(rng, 2000)
-    index = GrowingIndex(Metric(WEIGHTS, PERIODS))
+    index = GrowingIndex((WEIGHTS, PERIODS))
     index.add_many(points)
     for q in queries[:100]:
         found = index.nearest(q)[0]
@@ -140,13 +139,13 @@ def scipy_distances(graph: RoadmapGraph, weights: np.ndarray, source: int) -> np
 def time_repair(n: int, k: int, deletions: int, rng: np.random.Generator) -> dict[str, float]:
     """Delete the edges within the collision radius of random configurations, one after the other."""
     points, figures = sample(rng, n), {}
-    nearest_graph(points[:50], Metric(WEIGHTS, PERIODS), k)
-    figures["build the graph"] = mean_us(lambda _: nearest_graph(points, Metric(WEIGHTS, PERIODS), k), 5)
-    graph = nearest_graph(points, Metric(WEIGHTS, PERIODS), k)
+    nearest_graph(points[:50], (WEIGHTS, PERIODS), k)
+    figures["build the graph"] = mean_us(lambda _: nearest_graph(points, (WEIGHTS, PERIODS), k), 5)
+    graph = nearest_graph(points, (WEIGHTS, PERIODS), k)
     figures["build the edge index"] = mean_us(
-        lambda _: SegmentIndex(points, graph.edges, Metric(WEIGHTS, PERIODS)), 3
+        lambda _: SegmentIndex(points, graph.edges, (WEIGHTS, PERIODS)), 3
     )
-    segments = SegmentIndex(points, graph.edges, Metric(WEIGHTS, PERIODS))
+    segments = SegmentIndex(points, graph.edges, (WEIGHTS, PERIODS))
     tree = ShortestPathTree.of(graph, 0)
     hits = sample(rng, deletions)
     removed = [segments.within(q, COLLISION_RADIUS) for q in hits]

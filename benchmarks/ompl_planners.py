@@ -30,7 +30,6 @@ from rich.console import Console
 from scipy.stats import ks_2samp, ttest_ind
 
 from guided_gym.catalogue.table import make_distribution
-from guided_gym.kernels.metric import Metric
 from guided_gym.measure.target import Measure
 from guided_gym.planners.ompl import OmplPlanner, planner_names, setters
 from guided_gym.planning import _Recorder, guided_search
@@ -54,7 +53,7 @@ MISSED = 0.05  # the chance that the test calls equals different
 def cut(problem: Problem) -> Problem:
     """The problem with angles that are numbers like any other: nothing grows across half a turn."""
     other, space = copy.copy(problem), copy.copy(problem.space)
-    space.metric = Metric(space.weights, np.zeros(space.dimension))
+    space.metric = (space.weights, np.zeros(space.dimension))
     other.__dict__["space"] = space
     return other
 

@@ -138,16 +138,17 @@ class GuideSelectionEnv(gymnasium.Env[NDArray[np.float32], int]):
                 guiding space.
             GuidedGymError: There was no reset yet.
         """
-        search, samples = self.search, self.search.samples
+        searching = self.searching
+        search, samples = searching.search, searching.search.samples
         guide = as_index(action, "a guiding space")
-        valid = 0 <= guide < len(self.guides)
-        if not valid:
-            self.searching.refuse(f"0 to {len(self.guides) - 1}", guide)
+        if not 0 <= guide < len(self.guides):
+            searching.refuse(f"0 to {len(self.guides) - 1}", guide)
             node = _NOBODY
         else:
-            self.hybrid.current = guide
-            node = 0 if self.searching.finished else self.hybrid.select(search.tree)
-        _, reward, terminated, truncated, info = self.searching.step(node)
+            hybrid = self.hybrid
+            hybrid.current = guide
+            node = 0 if searching.finished else hybrid.select(search.tree)
+        _, reward, terminated, truncated, info = searching.step(node)
         if search.samples > samples and search.last is not None:
             self._turns.note(guide, search.last)
             self._observation = self._turns.observe()

@@ -435,7 +435,8 @@ class GuidedSearchEnv(gymnasium.Env[Observation, Action]):
         if self.expander is None:
             return search.planner.uniform(search.tree.nodes.configurations[node])
         # Attached only now, after whoever selects: `guided_search` does it in this order too.
-        self.attach(self.expander)
+        if not (search.listeners and search.listeners[-1] is self.expander):
+            self.attach(self.expander)
         return self.expander.propose(search.tree, node)
 
     def _choose(self, search: Search, action: Action) -> Choice | None:

@@ -115,7 +115,7 @@ class ConfigurationSpace:
         self.lower, self.upper, self.periods, self.weights = map(_frozen, ranges)
         self._angles = tuple(i for i, period in enumerate(self.periods.tolist()) if period)
         self._turning = _in_row(self._angles)
-        self.metric = Metric(self.weights, self.periods)
+        self.metric: Metric = (self.weights, self.periods)
         self.tolerance = _checked_tolerance(tolerance, robot, environment)
         self.geometry: collision.Geometry = robot.packed(environment, self.tolerance)
 
@@ -149,7 +149,7 @@ class ConfigurationSpace:
             if isinstance(value, np.ndarray):
                 value.flags.writeable = False
             setattr(self, name, value)
-        self.metric = Metric(self.weights, self.periods)
+        self.metric = (self.weights, self.periods)
         if "geometry" in state:  # addresses are those of one process
             self.geometry[1][collision.ENTRY] = self.robot.entry()
 
@@ -279,7 +279,9 @@ class ConfigurationSpace:
         Raises:
             InvalidInputError: They have another shape.
         """
-        batch = np.require(q, dtype=np.float64, requirements=["C", "W"])
+        batch = q
+        if not (type(batch) is np.ndarray and batch.dtype == _FLOAT64 and batch.flags.carray):
+            batch = np.require(q, dtype=np.float64, requirements=["C", "W"])
         if batch.ndim != 2 or batch.shape[1] != self.dimension:
             raise InvalidInputError(
                 f"expected configurations of shape (n, {self.dimension}), got shape {batch.shape}"

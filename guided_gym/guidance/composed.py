@@ -25,7 +25,7 @@ from guided_gym.guidance.proof import parted_cells, parted_workspace
 from guided_gym.guidance.solvers.base import CostToGo, Doubts, Query
 from guided_gym.kernels.extend import FAILED
 from guided_gym.kernels.metric import separation, separations
-from guided_gym.kernels.turns import charged
+from guided_gym.kernels.turns import charged, least_charged
 from guided_gym.kernels.wave_growth import Terms
 from guided_gym.options import checked_candidates
 from guided_gym.problems import Task
@@ -178,7 +178,8 @@ class Composed(GuidingSpace):
         """(n,) the solver's cost-to-go (length)."""
         before = self.solver.looks
         h = self.solver(states)
-        self._count_looks(before)
+        if self.solver.looks != before:
+            self._count_looks(before)
         if getattr(self.solver, "sees", False):
             self.search.looks += len(states)
         return h
@@ -193,12 +194,14 @@ class Composed(GuidingSpace):
                 wider = np.zeros((2 * n, self._states.shape[1]))
                 wider[: self._projected] = self._states[: self._projected]
                 self._states = wider
-            fresh = tree.nodes.configurations[self._projected : n]
-            self._states[self._projected : n] = self.robot.project(fresh)
-            self._projected = n
+            if n > self._projected:
+                fresh = tree.nodes.configurations[self._projected : n]
+                self._states[self._projected : n] = self.robot.project(fresh)
+                self._projected = n
             states = self._states[:n]
         h = self.solver.follow(states)
-        self._count_looks(before)
+        if self.solver.looks != before:
+            self._count_looks(before)
         return h
 
     def values(self, tree: SearchTree) -> Floats:
@@ -214,8 +217,17 @@ class Composed(GuidingSpace):
         """The node of least h, and its h; computed once per sample, however often it is asked for."""
         stage = len(tree), tree.failure_count, tree.rewirings
         if self._least is None or self._least[0] != stage:
-            self._least = stage, super().least(tree)
+            self._least = stage, self._find_least(tree)
         return self._least[1]
+
+    def _find_least(self, tree: SearchTree) -> tuple[int, float]:
+        if self.detour > 0 or type(self).values is not Composed.values:  # a subclass may charge otherwise
+            return super().least(tree)
+        nodes = tree.nodes
+        found: tuple[int, float] = least_charged(
+            self.costs(tree), nodes.failures, nodes.children, self._penalty
+        )
+        return found
 
     def select(self, tree: SearchTree) -> int:
         """The node of least h, or the fallback's choice while no node has a way."""
@@ -277,7 +289,7 @@ class Composed(GuidingSpace):
             self.costs(tree)  # the solver has seen the node
             likely = plausible(node, separations(candidates, q, self.space.metric))
             h = np.where(likely, h, np.inf) if np.isfinite(h[likely]).any() else h
-        best: Floats = candidates[np.argmin(h)]
+        best: Floats = candidates[h.argmin()]
         return best
 
     def burst(self, limit: int) -> NDArray[np.int32] | None:
@@ -318,7 +330,7 @@ class Composed(GuidingSpace):
         if expansion.contact is not None and self.lesson.foreseen != 1.0 and self._foresaw(expansion):
             part = self.lesson.foreseen
         if expansion.contact is not None and part > 0.0:
-            failure = (self.search.tree.configurations[expansion.node], expansion.contact, part)
+            failure = (self.search.tree.nodes.configurations[expansion.node], expansion.contact, part)
             self._failures.append(failure)
             revised = self.environment.revised(self.space, expansion.contact)
             if revised is None:

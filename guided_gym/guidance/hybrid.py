@@ -72,27 +72,30 @@ class Hybrid(GuidingSpace):
 
     def _turn(self) -> None:
         """Ask the rule for the next sample's weights, and draw who guides it."""
-        weights = self._weights = self._checked_weights(self.rule.weights())
-        given = weights.tolist()
+        weights, given = self._checked_weights(self.rule.weights())
+        self._weights = weights
         largest = given.index(max(given))
         alone = given[largest] == sum(given) or self._joint
         self.current = largest if alone else draw(weights, self.rng)
 
-    def _checked_weights(self, weights: Any) -> Floats:
+    def _checked_weights(self, weights: Any) -> tuple[Floats, list[float]]:
+        """The weights as an array and as a list."""
         try:
             given = np.asarray(weights, np.float64)
         except (TypeError, ValueError):
             given = np.zeros(0)
-        if given.shape != (len(self.guides),) or not all(0 <= w < math.inf for w in given.tolist()):
+        listed: list[float] = given.tolist()
+        fits = given.shape == (len(self.guides),) and all(map(math.isfinite, listed))
+        if not fits or min(listed) < 0:
             raise InvalidInputError(
                 f"rule {type(self.rule).__name__}: expected {len(self.guides)} finite weights >= 0, got "
                 f"{weights!r}"
             )
-        if not given.any():
+        if not any(listed):
             raise InvalidInputError(
                 f"rule {type(self.rule).__name__}: expected a weight > 0, got {shown(weights)}"
             )
-        return given
+        return given, listed
 
     def project(self, tree: SearchTree, q: Floats) -> tuple[int, Any]:  # type: ignore[override]
         """P_T into the space whose turn it is, or into all: (its index, its states), or (-1, list)."""

@@ -30,7 +30,6 @@ from guided_gym.guidance.learned.belief import Belief, BeliefModel
 from guided_gym.guidance.learned.motion_agent import load_motion_agent
 from guided_gym.guidance.solvers.base import Floats
 from guided_gym.guidance.subspace import Subspace
-from guided_gym.kernels.metric import Metric
 from guided_gym.storage.path_file import PathDatabase
 from guided_gym.storage.path_library import PathLibrary
 
@@ -308,7 +307,7 @@ def _kept_space(
     ):  # other bodies reach less far, or farther
         made.weights = np.array(weights)
         made.weights.flags.writeable = False
-        made.metric = Metric(made.weights, made.periods)
+        made.metric = made.weights, made.periods
     return made
 
 

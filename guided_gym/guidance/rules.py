@@ -49,7 +49,9 @@ class Taking:
 
     def weights(self) -> Weights:
         """All weight on the one whose turn it is."""
-        return np.array([float(i == self.turn) for i in range(len(self.guides))])
+        weights = np.zeros(len(self.guides))
+        weights[self.turn] = 1.0
+        return weights
 
     def learn(self, guide: int, expansion: Expansion) -> None:
         """Nothing."""

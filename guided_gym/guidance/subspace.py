@@ -9,7 +9,6 @@ from guided_gym.errors import InvalidInputError
 from guided_gym.geometry.mechanism import Mechanism
 from guided_gym.geometry.space import BoolArray, Configurations, ConfigurationSpace
 from guided_gym.kernels.collision import Geometry
-from guided_gym.kernels.metric import Metric
 
 Floats = NDArray[np.float64]
 
@@ -39,7 +38,7 @@ class Subspace(ConfigurationSpace):
         axis = np.argmax(basis != 0, axis=1)
         self.periods = np.where(alone, space.periods[axis], 0.0)
         self.weights = lengths
-        self.metric = Metric(self.weights, self.periods)
+        self.metric = self.weights, self.periods
         corners = np.array(np.meshgrid(*zip(space.lower, space.upper, strict=True))).reshape(
             space.dimension, -1
         )

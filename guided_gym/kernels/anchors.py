@@ -13,15 +13,18 @@ from numpy.typing import NDArray
 
 from guided_gym.kernels.collision import Geometry, pose_clearance
 from guided_gym.kernels.metric import Metric, placed, segment_separation, separation, shortest
-from guided_gym.kernels.nearest import State, k_nearest, within
+from guided_gym.kernels.nearest import State, insert_many, k_nearest, within
 from guided_gym.kernels.plain import borrowing
-from guided_gym.kernels.segments import ROUNDING
+from guided_gym.kernels.segments import segments_within
+from guided_gym.kernels.shortest_paths import Adjacency, Scratch, Tree, lengthen
 
 Floats = NDArray[np.float64]
 Int32s = NDArray[np.int32]
 Ints = NDArray[np.int64]
+Bools = NDArray[np.bool_]
 Taught = tuple[Floats, Floats, Floats]
 Anchored = tuple[Int32s, Floats, Int32s]
+_WIDER = 1.5  # times the distance of its own vertices: how far beyond the candidates vertices are shared
 _SLACK = 1.0 + 1e-9  # the index and the metric may round differently
 
 
@@ -144,6 +147,36 @@ def charge_anchors(
 
 
 @njit(cache=True)
+def charge_near(
+    lesson: tuple[Floats, float, float],
+    index: State,
+    nodes: tuple[Floats, Int32s, Floats],
+    sizes: tuple[int, int],
+    longest: float,
+    points: Floats,
+    metric: Metric,
+) -> Ints:
+    """`charge_anchors` of the nodes around one state; returns their rows.
+
+    Args:
+        lesson: (d,) where ways were made costlier, how far around, and how many times costlier.
+        index: Nearest-neighbour index over the first nodes, with room for the others.
+        nodes: States, and vertices and lengths of anchors, of all nodes.
+        sizes: How many nodes the index has, and how many there are.
+        longest: At least the length of any anchor.
+        points: (v, d) roadmap vertices.
+        metric: Weights and periods of the distance.
+    """
+    state, reach, factor = lesson
+    states, vertices, lengths = nodes
+    insert_many(index, states[sizes[0] : sizes[1]])
+    rows = within(index, state, reach + longest)
+    taught = state.reshape(1, state.size), np.full(1, reach), np.full(1, factor)
+    charge_anchors(states, rows, vertices, lengths, points, taught, metric)
+    return rows
+
+
+@njit(cache=True)
 def nearest_anchors(q: Floats, index: State, points: Floats, k: int, metric: Metric) -> tuple[Int32s, Floats]:
     """(n, k) int32 the nearest vertices of each configuration, and (n, k) their distances.
 
@@ -185,6 +218,35 @@ def charged_anchors(
     return vertices, lengths, np.full(vertices.shape, -1, np.int32)
 
 
+@borrowing
+def _all_apart(q: Floats, i: int, columns: Floats, metric: Metric, out: Floats) -> None:
+    """`_apart` of row i of q and each of some points, in loops that become vector instructions.
+
+    Args:
+        q: (n, d) configurations.
+        i: Which of them.
+        columns: (d, m) coordinates of the points.
+        metric: Weights and periods of the distance.
+        out: (m,) distances, written.
+    """
+    weights, periods = metric
+    for a in range(out.size):
+        out[a] = 0.0
+    for c in range(columns.shape[0]):
+        weight, period, x, row = weights[c], periods[c], q[i, c], columns[c]
+        if period > 0.0:
+            for a in range(out.size):
+                delta = row[a] - x
+                delta -= period * np.floor(delta / period + 0.5)
+                out[a] += (weight * delta) * (weight * delta)
+        else:
+            for a in range(out.size):
+                delta = row[a] - x
+                out[a] += (weight * delta) * (weight * delta)
+    for a in range(out.size):
+        out[a] = np.sqrt(out[a])
+
+
 @njit(cache=True)
 def candidate_values(
     q: Floats,
@@ -192,7 +254,6 @@ def candidate_values(
     points: Floats,
     distance: Floats,
     k: int,
-    around: int,
     taught: Taught,
     lessons: State,
     farthest: float,
@@ -205,8 +266,7 @@ def candidate_values(
         index: Nearest-neighbour index over the vertices but the last, which is the goal.
         points: (v, d) roadmap vertices.
         distance: (v,) length of the shortest path from each vertex to the goal.
-        k: Anchors a configuration.
-        around: Vertices around all of them from which each takes its own.
+        k: Anchors a configuration; there are more vertices than these.
         taught: Where ways were made costlier, as in `charge_anchors`.
         lessons: Index over those places, so that a choice costs what was taught near it and not all there is.
         farthest: The largest of their reaches.
@@ -219,36 +279,39 @@ def candidate_values(
     middle = np.zeros(q.shape[1])
     for i in range(n):
         for c in range(q.shape[1]):
-            middle[c] += shortest(q[i, c] - q[0, c], metric.periods[c]) / n
+            middle[c] += shortest(q[i, c] - q[0, c], metric[1][c]) / n
     for c in range(q.shape[1]):
-        middle[c] = placed(q[0, c] + middle[c], metric.periods[c])
-    some, away = k_nearest(index, middle, around)
+        middle[c] = placed(q[0, c] + middle[c], metric[1][c])
     spread = 0.0
     for i in range(n):
         spread = max(spread, separation(middle, q[i], metric))
-    if separation(middle, points[goal], metric) <= away[-1]:
-        some, away = np.append(some, goal), np.append(away, away[-1])
+    # Vertices are about as far apart everywhere here; where one is farther off, its own are looked for.
+    reach = spread + _WIDER * k_nearest(index, middle, k)[1][k - 1]
+    some = within(index, middle, reach)
+    if separation(middle, points[goal], metric) <= reach:
+        some = np.append(some, goal)
     alone = middle.reshape(1, middle.size)
-    close = _around(alone, 0, lessons, taught, farthest, 2.0 * spread + away[-1], metric)
+    close = _around(alone, 0, lessons, taught, farthest, 2.0 * spread + reach, metric)
     out = np.full(n, np.inf)
     lengths, ids = np.empty(k), np.empty(k, np.int64)
-    weights, periods = metric
+    columns, apart = np.empty((q.shape[1], some.size)), np.empty(some.size)
+    for c in range(q.shape[1]):
+        for a in range(some.size):
+            columns[c, a] = points[some[a], c]
     for i in range(n):
         held, off = 0, separation(middle, q[i], metric)
+        _all_apart(q, i, columns, metric, apart)
         for a in range(some.size):
-            v = some[a]
-            if held == k and away[a] - off > ROUNDING * lengths[k - 1] and v != goal:
-                continue  # those farther from the middle are farther from here
-            length = _apart(q, i, points, v, weights, periods)
+            length = apart[a]
             if held == k and length >= lengths[k - 1]:
                 continue
             slot = held if held < k else k - 1
             while slot > 0 and lengths[slot - 1] > length:
                 lengths[slot], ids[slot] = lengths[slot - 1], ids[slot - 1]
                 slot -= 1
-            lengths[slot], ids[slot] = length, v
+            lengths[slot], ids[slot] = length, some[a]
             held = min(held + 1, k)
-        if lengths[k - 1] > away[-1] - off:  # another vertex may be nearer
+        if lengths[k - 1] > reach - off:  # another vertex may be nearer
             own, far = nearest_anchors(q[i : i + 1], index, points, k, metric)
             ids[:], lengths[:] = own[0].astype(np.int64), far[0]
             near = _around(q, i, lessons, taught, farthest, lengths[k - 1], metric)
@@ -259,6 +322,66 @@ def candidate_values(
                 v = points[ids[j]]
                 length = _charged(lengths[j], q[i], v, near, taught, metric)
                 out[i] = min(out[i], length + distance[ids[j]])
+    return out
+
+
+@njit(cache=True)
+def roadmap_edges_near(
+    segments: tuple[State, Floats, Floats, Floats],
+    own: tuple[Floats, Floats],
+    first: int,
+    q: Floats,
+    reach: float,
+    metric: Metric,
+) -> Ints:
+    """Edges that pass within ``reach`` of a configuration: those of an index, then some that are in none.
+
+    Args:
+        segments: What `segments_within` takes.
+        own: (m, d) both ends of the others.
+        first: Number of the first of those.
+        q: (d,) configuration.
+        reach: How far around it (length).
+        metric: Weights and periods of the distance.
+    """
+    some = segments_within(segments[0], segments[1], segments[2], segments[3], q, reach)
+    others = segments_touched(own[0], own[1], q, reach, metric)
+    if others.size == 0:
+        return some
+    out = np.empty(some.size + others.size, np.int64)
+    for s in range(some.size):
+        out[s] = some[s]
+    for s in range(others.size):
+        out[some.size + s] = first + others[s]
+    return out
+
+
+@njit(cache=True)
+def not_yet_near(index: State, q: Floats, reach: float, seen: Bools) -> Ints:
+    """Vertices within ``reach`` of a configuration that were not ``seen`` (v,) before; now they are."""
+    near = within(index, q, reach)
+    count = 0
+    for v in near:
+        if not seen[v]:
+            seen[v] = True
+            near[count] = v
+            count += 1
+    return near[:count]
+
+
+@njit(cache=True)
+def edges_at(vertices: Ints, bad: Bools, indptr: Int32s, edge_of: Int32s) -> Ints:
+    """The edges at the ``bad`` ones (k,) of some vertices (k,), vertex by vertex."""
+    count = 0
+    for s in range(vertices.size):
+        if bad[s]:
+            count += indptr[vertices[s] + 1] - indptr[vertices[s]]
+    out, count = np.empty(count, np.int64), 0
+    for s in range(vertices.size):
+        if bad[s]:
+            for a in range(indptr[vertices[s]], indptr[vertices[s] + 1]):
+                out[count] = edge_of[a]
+                count += 1
     return out
 
 
@@ -331,23 +454,148 @@ def enter_anchors(
 
 
 @njit(cache=True)
-def linked_nodes(changed: Ints, head: Int32s, node_of: Int32s, following: Int32s, n: int) -> Ints:
-    """The rows, ascending, that are anchored to one of the ``changed`` vertices; see `link_anchors`.
+def enter_charged(
+    q: Floats,
+    place: tuple[int, int, int],
+    held: Anchored,
+    lists: tuple[Int32s, Int32s, Int32s],
+    h: Floats,
+    graph: tuple[State, Floats, Floats],
+    taught: Taught,
+    lessons: State,
+    farthest: float,
+    metric: Metric,
+) -> tuple[int, float]:
+    """`charged_anchors` of the next nodes, entered (`enter_anchors`), and their values.
 
     Args:
-        changed: (c,) int64 roadmap vertices.
-        head: (v,) int32 first link of each vertex's list.
-        node_of: int32 row of each link.
-        following: int32 next link in the same list.
+        q: (n, d) states of the next nodes.
+        place: How many nodes there were, links so far, and anchors of a node.
+        held: Vertices, lengths and edges of all nodes' anchors, written.
+        lists: Those of `link_anchors`.
+        h: Values of all nodes, written.
+        graph: Index over its vertices but the goal, its vertices, and their distances to the goal.
+        taught: As `charge_anchors` takes it.
+        lessons: Index over those places.
+        farthest: The largest of their reaches.
+        metric: Weights and periods of the distance.
+
+    Returns:
+        What `enter_anchors` does.
+    """
+    first, count, k = place
+    fresh = charged_anchors(q, graph[0], graph[1], k, taught, lessons, farthest, metric)
+    for i in range(q.shape[0]):
+        best = np.inf
+        for j in range(k):
+            best = min(best, fresh[1][i, j] + graph[2][fresh[0][i, j]])
+        h[first + i] = best
+    return enter_anchors(held, fresh, first, lists, count)
+
+
+@njit(cache=True)
+def enter_joined(
+    q: Floats,
+    place: tuple[int, int],
+    held: Anchored,
+    lists: tuple[Int32s, Int32s, Int32s],
+    h: Floats,
+    segments: tuple[Floats, Floats, Int32s, Floats],
+    multipliers: Floats,
+    distance: Floats,
+    geometry: Geometry,
+) -> tuple[int, float]:
+    """`edge_anchors` of the next nodes, entered (`enter_anchors`), and their values.
+
+    Args:
+        q: (n, 2) states of the next nodes.
+        place: How many nodes there were, and links so far.
+        held: Vertices, lengths and edges of all nodes' anchors, written.
+        lists: Those of `link_anchors`.
+        h: Values of all nodes, written.
+        segments: Ends, vertices and lengths of the segments, as `edge_anchors` takes them.
+        multipliers: (m,) factor on the length of each segment.
+        distance: (v,) length of the shortest path from each vertex to the goal.
+        geometry: Of a point robot.
+
+    Returns:
+        What `enter_anchors` does.
+    """
+    first, count = place
+    tails, heads, edges, lengths = segments
+    fresh = edge_anchors(q, tails, heads, edges, lengths, geometry)
+    found = enter_anchors(held, fresh, first, lists, count)
+    rows = np.arange(first, first + q.shape[0])
+    values = anchored_values_of(rows, held[0], held[1], held[2], multipliers, distance)
+    for i in range(q.shape[0]):
+        h[first + i] = values[i]
+    return found
+
+
+@njit(cache=True)
+def joined_values(
+    q: Floats,
+    segments: tuple[Floats, Floats, Int32s, Floats],
+    multipliers: Floats,
+    distance: Floats,
+    geometry: Geometry,
+) -> Floats:
+    """(n,) values of states (n, 2) that are joined to their nearest segments (`edge_anchors`)."""
+    tails, heads, edges, lengths = segments
+    vertices, along, edge = edge_anchors(q, tails, heads, edges, lengths, geometry)
+    return anchored_values_of(np.arange(q.shape[0]), vertices, along, edge, multipliers, distance)
+
+
+@borrowing
+def _mark(v: int, lists: tuple[Int32s, Int32s, Int32s], marked: Bools) -> None:
+    """Mark the rows that are anchored to a vertex."""
+    head, node_of, following = lists
+    link = head[v]
+    while link >= 0:
+        marked[node_of[link]] = True
+        link = following[link]
+
+
+@njit(cache=True)
+def concerned_nodes(
+    raised: Ints,
+    changed: Ints,
+    stale: Ints,
+    graph: tuple[Adjacency, Int32s, Tree, Scratch],
+    costs: tuple[Floats, Floats],
+    lists: tuple[Int32s, Int32s, Int32s],
+    n: int,
+) -> Ints:
+    """The rows, ascending, whose cost a change of the graph concerns; shortest paths are repaired first.
+
+    Args:
+        raised: (k,) int64 edges whose multipliers were raised.
+        changed: (c,) int64 vertices whose distance, or the weight of one of whose edges, changed before.
+        stale: (s,) int64 rows that are concerned anyway.
+        graph: What `lengthen` takes.
+        costs: Length and multiplier of each edge.
+        lists: ``head``, ``node_of`` and ``following`` of `link_anchors`.
         n: Number of rows.
     """
+    adjacency, ends, tree, scratch = graph
     marked = np.zeros(n, np.bool_)
+    if raised.size > 0:
+        count = lengthen(adjacency, ends, tree, scratch, raised, costs[0], costs[1])
+        for s in range(count):
+            _mark(scratch[2][s], lists, marked)
+        for e in raised:  # anchors run along them, too
+            _mark(ends[e, 0], lists, marked)
+            _mark(ends[e, 1], lists, marked)
     for v in changed:
-        link = head[v]
-        while link >= 0:
-            marked[node_of[link]] = True
-            link = following[link]
-    return np.nonzero(marked)[0]
+        _mark(v, lists, marked)
+    for i in stale:
+        marked[i] = True
+    rows, count = np.empty(n, np.int64), 0
+    for i in range(n):
+        if marked[i]:
+            rows[count] = i
+            count += 1
+    return rows[:count]
 
 
 @borrowing
@@ -413,3 +661,31 @@ def edge_anchors(
         else:
             along[i] = np.inf
     return vertices, along, edge
+
+
+@njit(cache=True)
+def segments_near(
+    segments: tuple[State, Floats, Floats, Floats], ends: tuple[Floats, Floats], q: Floats, reach: float
+) -> Ints:
+    """The segment nearest to a point, and those that pass within ``reach`` of it, ascending.
+
+    Args:
+        segments: What `segments_within` takes.
+        ends: (m, 2) both ends of each.
+        q: (2,) point.
+        reach: How far around it (length); 0 for the nearest alone.
+    """
+    nearest = np.int64(nearest_segments(q.reshape(1, 2), ends[0], ends[1])[0][0])
+    if reach == 0.0:
+        return np.full(1, nearest)
+    near = segments_within(segments[0], segments[1], segments[2], segments[3], q, reach)
+    at = 0
+    while at < near.size and near[at] < nearest:
+        at += 1
+    if at < near.size and near[at] == nearest:
+        return near
+    out = np.empty(near.size + 1, np.int64)
+    out[at] = nearest
+    for s in range(near.size):
+        out[s if s < at else s + 1] = near[s]
+    return out

@@ -161,7 +161,7 @@ def parts_of(a: Floats, b: Floats, spacing: float, metric: Metric) -> int:
     """Into how many parts the motion from a to b is divided; none for a configuration."""
     total = 0.0
     for i in range(a.size):
-        step = metric.weights[i] * shortest(b[i] - a[i], metric.periods[i])
+        step = metric[0][i] * shortest(b[i] - a[i], metric[1][i])
         total += step * step
     return math.ceil(math.sqrt(total) / spacing)
 
@@ -212,7 +212,7 @@ def motions_likely(
             out[i] = _log_free(columns, net)
         for k in range(1, parts + 1):
             for c in range(d):
-                q[c] = starts[i, c] + k / parts * shortest(ends[i, c] - starts[i, c], metric.periods[c])
+                q[c] = starts[i, c] + k / parts * shortest(ends[i, c] - starts[i, c], metric[1][c])
             now, last = k % 2, (k - 1) % 2
             _look(q, scene, places[now], rooms[now], state)
             looks += 1
@@ -236,7 +236,7 @@ def rooms_along(starts: Floats, ends: Floats, count: int, scene: Scene, metric: 
         for k in range(count):
             part = k / (count - 1) if count > 1 else 0.0
             for c in range(d):
-                q[c] = starts[i, c] + part * shortest(ends[i, c] - starts[i, c], metric.periods[c])
+                q[c] = starts[i, c] + part * shortest(ends[i, c] - starts[i, c], metric[1][c])
             _look(q, scene, places, rooms, state)
             for b in range(bodies):
                 out[i, k, b] = rooms[b] / scene.unit
@@ -260,7 +260,7 @@ def motion_columns(starts: Floats, ends: Floats, scene: Scene, metric: Metric) -
         _look(starts[i], scene, places[0], rooms[0], state)
         for k in range(1, parts + 1):
             for c in range(d):
-                q[c] = starts[i, c] + k / parts * shortest(ends[i, c] - starts[i, c], metric.periods[c])
+                q[c] = starts[i, c] + k / parts * shortest(ends[i, c] - starts[i, c], metric[1][c])
             now, last = k % 2, (k - 1) % 2
             _look(q, scene, places[now], rooms[now], state)
             _columns(scene, (places[last], rooms[last]), (places[now], rooms[now]), columns)

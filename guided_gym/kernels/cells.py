@@ -38,7 +38,7 @@ def assign_cells(
         q = nodes[v]
         for j in range(samples.shape[0]):
             # One coordinate alone often shows that the owner stays.
-            if np.abs(samples[j, 0] - q[0]) * metric.weights[0] >= distance[j] and metric.periods[0] == 0.0:
+            if np.abs(samples[j, 0] - q[0]) * metric[0][0] >= distance[j] and metric[1][0] == 0.0:
                 continue
             d = separation(q, samples[j], metric)
             if d < distance[j]:

@@ -145,7 +145,7 @@ def _around(here: FloatArray, reach: float, directions: FloatArray, metric: Metr
     poses = np.empty(directions.shape)
     for i in range(directions.shape[0]):
         for a in range(directions.shape[1]):
-            poses[i, a] = placed(here[a] + reach * directions[i, a], metric.periods[a])
+            poses[i, a] = placed(here[a] + reach * directions[i, a], metric[1][a])
     return poses
 
 

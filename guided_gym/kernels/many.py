@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from guided_gym.kernels.collision import Geometry
 from guided_gym.kernels.cost_query import OracleState, cost_to_go_one
 from guided_gym.kernels.extend import FAILED, REACHED_TOLERANCE, attempt
-from guided_gym.kernels.metric import Metric, ball_samples
+from guided_gym.kernels.metric import ball_samples
 from guided_gym.kernels.observe import UNIT, observe_configuration, observe_place
 from guided_gym.kernels.plain import borrowing, copy_row
 from guided_gym.kernels.softmin import choice_efficiency, energy_of
@@ -159,7 +159,7 @@ def _expand(i: int, node: int, trees: Trees, episodes: Episodes, shared: Paramet
     """The sample itself: what `Search.expand` does."""
     counts, rules, world = episodes.counts[i], episodes.rules[i], episodes.worlds[i]
     geometry = _geometry(world)
-    metric = Metric(_floats(world, WEIGHTS), _floats(world, PERIODS))
+    metric = (_floats(world, WEIGHTS), _floats(world, PERIODS))
     q, goal = trees.configurations[i, node], trees.goals[i]
     drawn = counts[DRAWN]
     counts[DRAWN] += 1

@@ -228,3 +228,26 @@ def raise_weights(
     if count == 0:
         return 0
     return _repair(graph, tree, scratch, count)
+
+
+@borrowing
+def lengthen(
+    graph: Adjacency,
+    ends: Int32s,
+    tree: Tree,
+    scratch: Scratch,
+    edge_ids: Ints,
+    lengths: Floats,
+    multipliers: Floats,
+) -> int:
+    """Raise edges (k,), all of which there are, to their length times their multiplier, and repair.
+
+    Returns the number of vertices whose distance changed; they come first in `affected`.
+    """
+    count = 0
+    for e in edge_ids:
+        weight = np.inf if multipliers[e] == np.inf else lengths[e] * multipliers[e]
+        count = _raise(ends, tree, scratch, e, weight, count)
+    if count == 0:
+        return 0
+    return _repair(graph, tree, scratch, count)

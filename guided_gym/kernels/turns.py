@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 
 from guided_gym.kernels.collision import Geometry, pose_clearance
 from guided_gym.kernels.metric import Metric, separation
+from guided_gym.kernels.plain import borrowing
 
 Floats = NDArray[np.float64]
 Int32s = NDArray[np.int32]
@@ -28,6 +29,17 @@ def charged(h: Floats, failures: Int32s, children: Int32s, penalty: float) -> Fl
     for i in range(h.size):
         out[i] = h[i] + penalty * (failures[i] + children[i])
     return out
+
+
+@borrowing
+def least_charged(h: Floats, failures: Int32s, children: Int32s, penalty: float) -> tuple[int, float]:
+    """The node of the least `charged` value, the first of equals, and that value; h has one at least."""
+    node, least = 0, h[0] + penalty * (failures[0] + children[0])
+    for i in range(1, h.size):
+        total = h[i] + penalty * (failures[i] + children[i])
+        if total < least:
+            node, least = i, total
+    return node, least
 
 
 @njit(cache=True)

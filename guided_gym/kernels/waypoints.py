@@ -125,7 +125,7 @@ def slide(
             most = separation(before, out[i], metric) + separation(out[i], after, metric) - _WORTH * step
             for j in range(lengths.size):
                 for a in range(path.shape[1]):
-                    poses[j, a] = placed(out[i, a] + step * directions[j, a], metric.periods[a])
+                    poses[j, a] = placed(out[i, a] + step * directions[j, a], metric[1][a])
                 lengths[j] = separation(before, poses[j], metric) + separation(poses[j], after, metric)
             for _ in range(lengths.size):
                 j = where_least(lengths)

@@ -251,13 +251,14 @@ class Search:
             q, target, self.goal, tolerance, by_edge, self.space.geometry, self.space.metric
         )
         self.samples += 1
+        kept = self.space.configuration(target)  # of few turns
         if outcome == FAILED:
             self.collision_checks += 1
-            self.tree.add_failure(node, target, contact)
+            self.tree.enter_failure(node, kept, contact)
             expansion = Expansion(node, target, NO_NODE, contact, False)
         else:
             self.collision_checks += 2 if by_edge and outcome != REACHED_TOLERANCE else 1
-            child = self.tree.add(target, node, length)
+            child = self.tree.enter(kept, node, length)
             if self.options.rewire:
                 self._rewire(child)
             if outcome != GREW:

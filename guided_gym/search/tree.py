@@ -170,10 +170,8 @@ class SearchTree:
         i = self._n
         if i == self.nodes.parents.size:
             self.nodes = _doubled(self.nodes)
-        self.nodes.configurations[i] = q
-        self.nodes.parents[i] = parent
-        self.nodes.costs[i] = cost
-        self.nodes.depths[i] = depth
+        configurations, parents, costs, depths, _, _ = self.nodes
+        configurations[i], parents[i], costs[i], depths[i] = q, parent, cost, depth
         self._n = i + 1
         return i
 
@@ -187,9 +185,13 @@ class SearchTree:
         q = self.space.configuration(q)
         if not length >= 0:  # nor is NaN
             raise InvalidInputError(f"length: expected a number >= 0, got {shown(length)}")
-        cost = float(self.nodes.costs[parent]) + length
-        child = self._append(q, parent, cost, int(self.nodes.depths[parent]) + 1)
-        self.nodes.children[parent] += 1
+        return self.enter(q, parent, length)
+
+    def enter(self, q: NDArray[np.float64], parent: int, length: float) -> int:
+        """`add` of what has been checked."""
+        nodes = self.nodes
+        child = self._append(q, parent, nodes.costs.item(parent) + length, nodes.depths.item(parent) + 1)
+        self.nodes.children[parent] += 1  # other arrays, perhaps
         return child
 
     def add_failure(self, node: int, target: NDArray[np.float64], contact: NDArray[np.float64]) -> None:
@@ -199,7 +201,10 @@ class SearchTree:
             InvalidInputError: There is no such node, or one of the two is no configuration.
         """
         self._check(node)
-        target, contact = self.space.configuration(target), self.space.configuration(contact)
+        self.enter_failure(node, self.space.configuration(target), self.space.configuration(contact))
+
+    def enter_failure(self, node: int, target: NDArray[np.float64], contact: NDArray[np.float64]) -> None:
+        """`add_failure` of what has been checked."""
         i = self._failed
         if i == self.failed.nodes.size:
             self.failed = _doubled(self.failed)

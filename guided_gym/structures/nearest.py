@@ -64,7 +64,7 @@ def checked_metric(weights: ArrayLike, periods: ArrayLike) -> Metric:
         raise InvalidInputError(f"expected finite positive weights, got {w.tolist()}")
     if not (np.all(np.isfinite(p)) and np.all(p >= 0)):
         raise InvalidInputError(f"expected finite periods >= 0 (0: not periodic), got {p.tolist()}")
-    return Metric(w, p)
+    return w, p
 
 
 def checked_query(q: ArrayLike, d: int) -> Floats:

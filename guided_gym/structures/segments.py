@@ -38,7 +38,7 @@ class SegmentIndex:
             raise InvalidInputError(
                 f"expected edges between vertices of 0..{n - 1}, got {ends.min()} to {ends.max()}"
             )
-        index = GrowingIndex(Metric(w, p), capacity=max(1, m))
+        index = GrowingIndex((w, p), capacity=max(1, m))
         self._halves, self._half_lengths = np.empty((m, len(w))), np.empty(m)
         load_segments(index.state, vertices, ends, self._halves, self._half_lengths)
         self._index = index

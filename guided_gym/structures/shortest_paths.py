@@ -18,6 +18,7 @@ from guided_gym.kernels.shortest_paths import (
     Int32s,
     Scratch,
     Tree,
+    lengthen,
     raise_weights,
     solve,
 )
@@ -199,6 +200,11 @@ class ShortestPathTree:
         return _read_only(self._tree[3])
 
     @property
+    def state(self) -> tuple[Adjacency, Int32s, Tree, Scratch]:
+        """The first four arguments of `lengthen`, for fused kernels."""
+        return self._graph, self._ends, self._tree, self._scratch
+
+    @property
     def changed(self) -> Int32s:
         """The vertices, ascending, whose distance changed in the last repair; all after a reset."""
         return np.sort(self._scratch[2][: self._changed])
@@ -235,6 +241,20 @@ class ShortestPathTree:
             raise InvalidInputError(f"expected weights not below {now}, got {values.tolist()}")
         self._changed = status
         return status
+
+    def lengthen(self, edge_ids: Ints, lengths: Floats, multipliers: Floats) -> Int32s:
+        """Raise edges (k,), known to be some, to their length times their multiplier.
+
+        Args:
+            edge_ids: (k,) which.
+            lengths: (m,) length of each edge.
+            multipliers: (m,) factor on each length, never below that of an earlier call; infinite deletes.
+
+        Returns:
+            The vertices whose distance changed, in no order.
+        """
+        self._changed = lengthen(*self.state, edge_ids, lengths, multipliers)
+        return self._scratch[2][: self._changed].copy()
 
     def remove_edges(self, edge_ids: ArrayLike) -> int:
         """Delete edges (k,), removed ones allowed, and return the number of distances that changed.

@@ -49,6 +49,12 @@ class SearchColumn(IntEnum):
     NEAREST = 4  # distance of the nearest node to the goal, by that of the root, at most 1
 
 
+class _Row:
+    """What is kept of each guiding space, as `guided_gym.kernels.turns.seen` takes it."""
+
+    LAST_FAILED, FAILURES, WAITING, USES, REMAINING, TREND = range(6)
+
+
 COLUMN_NAMES: Final = tuple(f"search.{c.name.lower()}" for c in SearchColumn) + tuple(
     f"guide.{c.name.lower()}" for c in GuideColumn
 )
@@ -83,9 +89,10 @@ class Turns:
         self._guides, self._search = guides, search
         k = len(guides)
         self._current = 0
-        self._last_failed, self._failures = [0.0] * k, [0.0] * k
-        self._waiting, self._uses = [0.0] * k, [0.0] * k
+        self._record = np.zeros((6, k))  # rows as in `_Row`
+        self._favourites = np.zeros(k, np.int64)
         self._scale, self._lagging = [1.0] * k, [math.nan] * k
+        self._bounds = bounds(k)
         self._streak = 0
         self._far = max(float(search.space.distance(search.start, search.goal)), 1e-9)
         self._nearest = 1.0
@@ -94,11 +101,12 @@ class Turns:
         """Record what became of a sample that ``guide`` guided."""
         failed = float(expansion.failed)
         self._current = guide
-        self._last_failed[guide] = failed
-        self._failures[guide] += (1 - _MEMORY) * (failed - self._failures[guide])
-        self._waiting = [samples + 1 for samples in self._waiting]
-        self._waiting[guide] = 0
-        self._uses[guide] += 1
+        record = self._record
+        record[_Row.LAST_FAILED, guide] = failed
+        record[_Row.FAILURES, guide] += (1 - _MEMORY) * (failed - record[_Row.FAILURES, guide])
+        record[_Row.WAITING] += 1.0
+        record[_Row.WAITING, guide] = 0.0
+        record[_Row.USES, guide] += 1.0
         self._streak = self._streak + 1 if expansion.failed else 0
         if expansion.child != NO_NODE:
             search = self._search
@@ -108,23 +116,23 @@ class Turns:
 
     def observe(self) -> NDArray[np.float32]:
         """(5 + 13 k,) the numbers, `SearchColumn` first, then `GuideColumn` of each; once a sample."""
-        search, nodes = self._search, self._search.tree.nodes
-        favourites, h = zip(*map(self._favourite, range(len(self._guides))), strict=True)
-        trend = [4 * (before - now) for before, now in zip(self._lagging, h, strict=True)]
-        self._lagging = [
-            _LAG * before + (1 - _LAG) * now for before, now in zip(self._lagging, h, strict=True)
-        ]
-        kept = [self._last_failed, self._failures, self._waiting, self._uses, h, trend]
+        search, record = self._search, self._record
+        for guide in range(len(self._guides)):
+            self._favourites[guide], h = self._favourite(guide)
+            before = self._lagging[guide]
+            record[_Row.REMAINING, guide], record[_Row.TREND, guide] = h, 4 * (before - h)
+            self._lagging[guide] = _LAG * before + (1 - _LAG) * h
+        nodes = search.tree.nodes
         numbers: NDArray[np.float32] = seen(
-            np.array(kept),
-            np.array(favourites),
+            record,
+            self._favourites,
             (self._nearest, self._far, search.planner.step),
             (search.samples, len(search.tree), self._streak, self._current),
             (nodes.configurations, nodes.failures, nodes.children),
             search.goal,
             search.space.geometry,
             search.space.metric,
-            bounds(len(self._guides)),
+            self._bounds,
         )
         return numbers
 

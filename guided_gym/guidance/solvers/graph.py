@@ -16,9 +16,16 @@ from numpy.typing import NDArray
 
 from guided_gym.guidance.solvers.base import Floats, Query, Valid
 from guided_gym.guidance.subspace import Subspace
-from guided_gym.kernels.anchors import anchored_values_of, charge_anchors, enter_anchors, linked_nodes
+from guided_gym.kernels.anchors import (
+    anchored_values_of,
+    charge_anchors,
+    charge_near,
+    concerned_nodes,
+    edges_at,
+    enter_anchors,
+)
 from guided_gym.kernels.metric import Metric
-from guided_gym.structures.nearest import GrowingIndex
+from guided_gym.structures.nearest import GrowingIndex, kernel_array
 from guided_gym.structures.segments import SegmentIndex
 from guided_gym.structures.shortest_paths import RoadmapGraph, ShortestPathTree
 
@@ -29,6 +36,8 @@ Int32s = NDArray[np.int32]
 Ints = NDArray[np.int64]
 
 _NONE: Final = np.zeros(0, np.int64)
+_ROOM: Final = 256  # nodes and links that there is room for at first
+_KINDS: Final = np.int32, np.float64, np.int32  # of the columns of anchors
 
 
 @dataclass
@@ -60,8 +69,9 @@ class Graph:
         self._graph = graph
         self.multipliers = np.ones(len(graph.edges))
         self.tree = ShortestPathTree.of(graph, goal)
-        self._changed: list[NDArray[np.integer[Any]]] = []
-        self._removed: list[NDArray[np.int64]] = []  # edges, not taken out of the tree yet
+        self._distance = self.tree.state[2][1]
+        self._raised: list[Ints] = []  # edges that got longer, which the tree does not know of yet
+        self._changed: list[NDArray[np.integer[Any]]] = []  # vertices, since `concerned` was asked last
 
     @property
     def distance(self) -> Floats:
@@ -69,12 +79,18 @@ class Graph:
         self._settle()
         return self.tree.distance
 
+    @property
+    def ways(self) -> Floats:
+        """`distance` as kernels take it."""
+        self._settle()
+        return self._distance
+
     def _settle(self) -> None:
-        """Repair the tree once for all edges removed since."""
-        if self._removed:
-            self.tree.remove_edges(np.concatenate(self._removed))
-            self._removed = []
-            self._changed.append(self.tree.changed.copy())
+        """Repair the tree once for all edges that got longer since."""
+        if self._raised:
+            raised = _taken(self._raised)
+            changed = self.tree.lengthen(raised, self.lengths, self.multipliers)
+            self._changed += [self.edges[raised].ravel(), changed]  # anchors run along them, too
 
     def raise_edges(self, edges: NDArray[np.integer[Any]], factor: float | Floats) -> None:
         """Add ``factor - 1`` times its length to the weight of some edges; infinite removes them.
@@ -86,32 +102,36 @@ class Graph:
             return
         if isinstance(factor, float) and factor == math.inf:
             self.multipliers[raised] = np.inf
-            self._removed.append(raised)
         else:
-            self._settle()
             self.multipliers[raised] += factor - 1.0
-            self.tree.raise_weights(raised, self.lengths[raised] * self.multipliers[raised])
-            # Anchors run along them, too.
-            self._changed += [self.edges[raised].ravel(), self.tree.changed.copy()]
+        self._raised.append(raised)
 
-    def remove_vertices(self, vertices: NDArray[np.int64]) -> None:
-        """Remove some vertices with all their edges."""
-        indptr, edge_of = self._graph.indptr, self._graph.edge_of
-        self.raise_edges(np.concatenate([edge_of[indptr[v] : indptr[v + 1]] for v in vertices]), np.inf)
+    def remove_edges_at(self, vertices: Ints, bad: NDArray[np.bool_]) -> None:
+        """Remove the ``bad`` ones (k,) of some vertices (k,), with all their edges."""
+        self.raise_edges(edges_at(vertices, bad, self._graph.indptr, self._graph.edge_of), np.inf)
 
     @property
     def touched(self) -> bool:
-        """Whether any distance may have changed since the last call of `take_changes`."""
-        return bool(self._changed or self._removed)
+        """Whether the cost of any node may have changed since the last call of `concerned`."""
+        return bool(self._changed or self._raised)
 
-    def take_changes(self) -> NDArray[np.int64]:
-        """Vertices whose distance, or the weight of one of whose edges, has changed since the last call."""
+    def concerned(self, stale: Ints, lists: tuple[Int32s, Int32s, Int32s], n: int) -> Ints:
+        """The nodes whose cost has to be computed anew, for what has changed since the last call.
+
+        Args:
+            stale: Nodes of which that is known.
+            lists: Who is anchored to each vertex, see `guided_gym.kernels.anchors.link_anchors`.
+            n: How many nodes there are.
+        """
+        raised, changed = _taken(self._raised), _taken(self._changed).astype(np.int64, copy=False)
+        costs = self.lengths, self.multipliers
+        rows: Ints = concerned_nodes(raised, changed, stale, self.tree.state, costs, lists, n)
+        return rows
+
+    def forget_changes(self) -> None:
+        """Nobody has asked for a cost yet."""
         self._settle()
-        if not self._changed:
-            return _NONE
-        changes = np.concatenate(self._changed).astype(np.int64)
-        self._changed = []
-        return changes
+        self._changed.clear()
 
     def as_networkx(self) -> nx.Graph:
         """The graph as it stands: ``pos`` per vertex, ``weight`` per edge."""
@@ -148,7 +168,8 @@ class GraphCostToGo(ABC):
     def _restart(self) -> None:
         self.graph = self.build()
         self._nodes: AnchoredStates | None = None
-        self._h = np.zeros(256)
+        self._h = np.zeros(_ROOM)
+        self._known = self._h[:0]  # of it, what has been given away
         self._segments: SegmentIndex | None = None
         self._inspected = np.zeros(len(self.graph.points), np.bool_)
 
@@ -188,23 +209,29 @@ class GraphCostToGo(ABC):
         if n > self._h.size:
             self._h = np.resize(self._h, 2 * n)
         if self._nodes is None:
-            self.graph.take_changes()
+            self.graph.forget_changes()
             self._nodes = AnchoredStates(self.query, len(self.graph.points))
         nodes, first = self._nodes, len(self._nodes)
         if self.graph.touched or nodes.stale:
-            changed = nodes.affected(self.graph.take_changes())
+            changed = nodes.affected(self.graph)
             if changed.size:
                 self._h[changed] = self._values(nodes.anchors, changed)
         if n > first:
-            fresh = np.ascontiguousarray(states[first:n])
-            nodes.append(fresh, self.joined(fresh))
-            self._h[first:n] = self._values(nodes.anchors, np.arange(first, n))
-        known = self._h[:n]
-        known.flags.writeable = False
-        return known
+            self._enter(nodes, np.ascontiguousarray(states[first:n]))
+        if self._known.size != n or self._known.base is not self._h:
+            self._known = self._h[:n]
+            self._known.flags.writeable = False
+        return self._known
+
+    def _enter(self, nodes: AnchoredStates, states: Floats) -> None:
+        """Join the next nodes of a tree, and compute their cost-to-go; in one go where a kernel can."""
+        first, last = len(nodes), len(nodes) + len(states)
+        nodes.append(states, self.joined(states))
+        self._h[first:last] = self._values(nodes.anchors, np.arange(first, last))
 
     def raise_near(self, state: Floats, reach: float, factor: float) -> None:
         """Lengthen, or remove, the edges and anchors that pass within ``reach`` of a state."""
+        state = kernel_array(state, np.float64)
         self.taught.add(state, reach, factor)
         self._teach(state, reach, factor)
 
@@ -215,23 +242,33 @@ class GraphCostToGo(ABC):
 
     def edges_near(self, state: Floats, reach: float) -> NDArray[np.int64]:
         """Edges that pass within ``reach`` of a state."""
+        return self.segments.within(state, reach)
+
+    @property
+    def segments(self) -> SegmentIndex:
+        """Where the edges are; found out when it is asked for."""
         if self._segments is None:
             self._segments = SegmentIndex(self.graph.points, self.graph.edges, self.query.space.metric)
-        return self._segments.within(state, reach)
+        return self._segments
 
     def inspect(self, state: Floats, reach: float, valid: Valid) -> None:
         """Remove the vertices within ``reach`` of a state that are not valid: a failure is the occasion."""
+        state = kernel_array(state, np.float64)
         self._inspections.append((state, reach, valid))
+        near = self._not_inspected(state, reach)
+        if near.size:
+            self._discard(near, ~valid(self.graph.points[near]))
+
+    def _not_inspected(self, state: Floats, reach: float) -> Ints:
+        """Vertices near a state that nobody has asked for so far."""
         near = self.vertices_near(state, reach)
         near = near[~self._inspected[near]]
-        if near.size:
-            self._inspected[near] = True
-            self._discard(near[~valid(self.graph.points[near])])
+        self._inspected[near] = True
+        return near
 
-    def _discard(self, vertices: Ints) -> None:
-        """Take invalid vertices out of the graph."""
-        if vertices.size:
-            self.graph.remove_vertices(vertices)
+    def _discard(self, vertices: Ints, bad: NDArray[np.bool_]) -> None:
+        """Take the bad ones of some vertices out of the graph."""
+        self.graph.remove_edges_at(vertices, bad)
 
     @abstractmethod
     def vertices_near(self, state: Floats, reach: float) -> NDArray[np.int64]:
@@ -254,7 +291,7 @@ class GraphCostToGo(ABC):
         if not self._open:
             return np.full(len(rows), np.inf)
         return anchored_values_of(
-            rows, anchors.vertices, anchors.lengths, anchors.edges, graph.multipliers, graph.distance
+            rows, anchors.vertices, anchors.lengths, anchors.edges, graph.multipliers, graph.ways
         )
 
     def drawing(self, values: bool = True) -> dict[str, Any]:
@@ -288,7 +325,7 @@ class Taught:
     def __init__(self, metric: Metric) -> None:
         self.index = GrowingIndex(metric, capacity=16)
         self.farthest = 0.0
-        self._arrays = np.zeros((16, len(metric.weights))), np.zeros(16), np.zeros(16)
+        self._arrays = np.zeros((16, len(metric[0]))), np.zeros(16), np.zeros(16)
         self._n = 0
 
     def __len__(self) -> int:
@@ -346,38 +383,61 @@ class AnchoredStates:
         """Whether the anchors of a node have changed since the last call of `affected`."""
         return bool(self._stale)
 
-    def append(self, states: Floats, fresh: Anchors) -> None:
-        """Take in the next nodes and their anchors."""
-        first, last = self._n, self._n + len(fresh)
+    @property
+    def held(self) -> tuple[Int32s, Floats, Int32s]:
+        """Vertices, lengths and edges of all anchors, room for more included, as kernels take them."""
+        a = self.anchors
+        return a.vertices, a.lengths, a.edges
+
+    @property
+    def lists(self) -> tuple[Int32s, Int32s, Int32s]:
+        """Who is anchored to each vertex, as kernels take it."""
+        return self._head, self._node_of, self._following
+
+    @property
+    def links(self) -> int:
+        """How many anchors the lists hold."""
+        return self._links
+
+    def make_room(self, states: Floats, k: int) -> None:
+        """Take in the next nodes, without their anchors so far: `k` a node.
+
+        A kernel may write them then, where it knows `held`, `lists` and `links`; `joined` ends it.
+        """
+        first, last = self._n, self._n + len(states)
         if last > len(self.anchors):
-            a = self.anchors if first else fresh
-            columns = (x[:first] for x in (a.vertices, a.lengths, a.edges))
-            self.anchors = Anchors(*(_grown(x, 2 * last) for x in columns))
-            self._states = _grown(self._states[:first], 2 * last)
+            wide = self.anchors if first else Anchors(*(np.zeros((0, k), kind) for kind in _KINDS))
+            rows = max(2 * last, _ROOM)
+            self.anchors = Anchors(*(_grown(x[:first], rows) for x in _columns(wide)))
+            self._states = _grown(self._states[:first], rows)
         self._states[first:last] = states
         self._n = last
-        self._room_for(fresh.vertices.size)
-        a, lists = self.anchors, (self._head, self._node_of, self._following)
-        held, new = (a.vertices, a.lengths, a.edges), (fresh.vertices, fresh.lengths, fresh.edges)
-        self._links, longest = enter_anchors(held, new, first, lists, self._links)
-        self.longest = max(self.longest, longest)
+        self._room_for(len(states) * k)
+
+    def joined(self, links: int, longest: float) -> None:
+        """Take note of what a kernel has entered: the number of links now, and the longest anchor."""
+        self._links, self.longest = links, max(self.longest, longest)
+
+    def append(self, states: Floats, fresh: Anchors) -> None:
+        """Take in the next nodes and their anchors."""
+        first = self._n
+        self.make_room(states, fresh.vertices.shape[1])
+        self.joined(*enter_anchors(self.held, _columns(fresh), first, self.lists, self._links))
 
     def replace(self, rows: NDArray[np.int64], fresh: Anchors) -> None:
         """Give some nodes other anchors."""
         self._room_for(fresh.vertices.size)
-        a, lists = self.anchors, (self._head, self._node_of, self._following)
         for k, i in enumerate(rows.tolist()):
-            held = a.vertices, a.lengths, a.edges
             row = slice(k, k + 1)
             new = fresh.vertices[row], fresh.lengths[row], fresh.edges[row]
-            self._links, longest = enter_anchors(held, new, i, lists, self._links)
-            self.longest = max(self.longest, longest)
+            self.joined(*enter_anchors(self.held, new, i, self.lists, self._links))
         self._stale.append(rows)
 
     def _room_for(self, links: int) -> None:
         needed = self._links + links
         if needed > self._node_of.size:
-            self._node_of, self._following = (_grown(x, 2 * needed) for x in (self._node_of, self._following))
+            room = max(2 * needed, _ROOM)
+            self._node_of, self._following = (_grown(x, room) for x in (self._node_of, self._following))
 
     def states(self, rows: NDArray[np.int64]) -> Floats:
         """(r, d') states of some nodes."""
@@ -386,13 +446,11 @@ class AnchoredStates:
     def charge(self, state: Floats, reach: float, factor: float, points: Floats) -> None:
         """Raise the cost of the anchors that pass near a state."""
         known = len(self._index)  # of some graphs nobody asks for the nodes near a state
-        if known < self._n:
-            self._index.add_many(self._states[known : self._n])
-        rows = self._index.within(state, reach + self.longest)
+        self._index.reserve(self._n - known)
         a = self.anchors
-        charge_anchors(
-            self._states, rows, a.vertices, a.lengths, points,
-            (state[None], np.array([reach]), np.array([factor])), self._metric,
+        rows = charge_near(
+            (state, reach, factor), self._index.state, (self._states, a.vertices, a.lengths),
+            (known, self._n), self.longest, points, self._metric,
         )  # fmt: skip
         self._stale.append(rows)
 
@@ -400,13 +458,22 @@ class AnchoredStates:
         """Note that the anchors of a node have changed."""
         self._stale.append(np.array([row]))
 
-    def affected(self, vertices: NDArray[np.int64]) -> NDArray[np.int64]:
-        """Nodes whose cost has to be computed anew: those anchored to one of the vertices, and stale ones."""
-        rows = self._stale
-        self._stale = []
-        if vertices.size:
-            rows.append(linked_nodes(vertices, self._head, self._node_of, self._following, self._n))
-        return np.concatenate(rows) if rows else _NONE
+    def affected(self, graph: Graph) -> Ints:
+        """Nodes whose cost has to be computed anew: by a change of the graph, or of their anchors."""
+        return graph.concerned(_taken(self._stale), self.lists, self._n)
+
+
+def _taken(arrays: list[Any]) -> Any:
+    """All that a list of arrays holds, in one; the list is empty then."""
+    if not arrays:
+        return _NONE
+    whole = arrays[0] if len(arrays) == 1 else np.concatenate(arrays)
+    arrays.clear()
+    return whole
+
+
+def _columns(anchors: Anchors) -> tuple[Int32s, Floats, Int32s]:
+    return anchors.vertices, anchors.lengths, anchors.edges
 
 
 def _grown(array: NDArray[Any], rows: int) -> NDArray[Any]:

@@ -180,9 +180,9 @@ class StoredPaths(GraphCostToGo):
         else:
             self._filter(self._index.within(state, reach))
 
-    def _discard(self, vertices: Ints) -> None:
+    def _discard(self, vertices: Ints, bad: np.ndarray) -> None:
         """Filter out the paths that have an invalid waypoint."""
-        self._filter(vertices)
+        self._filter(vertices[bad])
 
     def _filter(self, waypoints: Ints) -> None:
         struck = np.unique(self._path_of[waypoints])

@@ -12,8 +12,15 @@ from guided_gym.checks import affordable, integer
 from guided_gym.geometry.space import ConfigurationSpace
 from guided_gym.guidance.solvers.base import Floats, Query
 from guided_gym.guidance.solvers.doubted import DoubtedGraph
-from guided_gym.guidance.solvers.graph import Anchors, Graph, GraphCostToGo, Ints
-from guided_gym.kernels.anchors import candidate_values, charged_anchors, nearest_anchors, segments_touched
+from guided_gym.guidance.solvers.graph import AnchoredStates, Anchors, Graph, GraphCostToGo, Ints
+from guided_gym.kernels.anchors import (
+    candidate_values,
+    charged_anchors,
+    enter_charged,
+    nearest_anchors,
+    not_yet_near,
+    roadmap_edges_near,
+)
 from guided_gym.kernels.metric import Metric
 from guided_gym.storage.preparations import Arrays, fits, prepared, within
 from guided_gym.structures.nearest import GrowingIndex
@@ -141,6 +148,22 @@ class Roadmap(GraphCostToGo):
         taught = self.taught.arrays, self.taught.index.state, self.taught.farthest
         return Anchors(*charged_anchors(states, nearest, points, count, *taught, metric))
 
+    def _enter(self, nodes: AnchoredStates, states: Floats) -> None:
+        """Join the next nodes of a tree, and compute their cost-to-go."""
+        graph = self.graph
+        count = min(self.anchors, len(graph.points) - 1)
+        if not self._lazy or count == 0:
+            super()._enter(nodes, states)
+            return
+        first = len(nodes)
+        nodes.make_room(states, count)
+        found = enter_charged(
+            states, (first, nodes.links, count), nodes.held, nodes.lists, self._h,
+            (self._net.nearest.state, graph.points, graph.ways),
+            self.taught.arrays, self.taught.index.state, self.taught.farthest, self.query.space.metric,
+        )  # fmt: skip
+        nodes.joined(*found)
+
     def __call__(self, states: Floats) -> Floats:
         """(n, d') states to (n,) cost-to-go; candidates around a node share the search for vertices."""
         states = np.ascontiguousarray(states)
@@ -155,7 +178,7 @@ class Roadmap(GraphCostToGo):
         if self._lazy and 1 < len(states) <= around < len(self.graph.points):
             graph = self.graph
             h: Floats = candidate_values(
-                states, self._net.nearest.state, graph.points, graph.distance, self.anchors, around,
+                states, self._net.nearest.state, graph.points, graph.ways, self.anchors,
                 self.taught.arrays, self.taught.index.state, self.taught.farthest, self.query.space.metric,
             )  # fmt: skip
             return h
@@ -212,7 +235,7 @@ class Roadmap(GraphCostToGo):
 
     def _followed(self, states: Floats) -> Floats:
         h = super().follow(states)
-        while self._lazy and self._renewals < self._most and not math.isfinite(h.min()):
+        while self._lazy and self._renewals < self._most and not math.isfinite(h[h.argmin()]):
             self._renewals += 1
             reached = self._nodes is not None and np.isfinite(self._nodes.anchors.lengths[: len(h)]).any()
             if reached and self.query.doubts is None:
@@ -223,9 +246,14 @@ class Roadmap(GraphCostToGo):
 
     def edges_near(self, state: Floats, reach: float) -> Ints:
         """Edges that pass within ``reach`` of a state; the goal's own come last."""
-        edges, m = self._net.segments.within(state, reach), len(self._net.graph.lengths)
-        own = segments_touched(*self._own, state, reach, self.query.space.metric)
-        return np.concatenate([edges, own + m]) if own.size else edges
+        first, metric = len(self._net.graph.lengths), self.query.space.metric
+        edges: Ints = roadmap_edges_near(self._net.segments.state, self._own, first, state, reach, metric)
+        return edges
+
+    def _not_inspected(self, state: Floats, reach: float) -> Ints:
+        """Vertices near a state that nobody has asked for so far."""
+        near: Ints = not_yet_near(self._net.nearest.state, state, reach, self._inspected)
+        return near
 
     def vertices_near(self, state: Floats, reach: float) -> Ints:
         """Vertices within ``reach`` of a state; the goal is none of them."""
@@ -295,7 +323,7 @@ def _net(kind: _Kind, vertices: int, neighbours: int, number: int) -> _Net:
         return {"points": points, "edges": near.edges[kept], "lengths": near.lengths[kept]}
 
     def sound(kept: Arrays) -> bool:
-        n, m, d = len(kept["points"]), len(kept["edges"]), len(kind.metric.weights)
+        n, m, d = len(kept["points"]), len(kept["edges"]), len(kind.metric[0])
         return (
             fits(kept["points"], np.float64, n, d)
             and fits(kept["edges"], np.int32, m, 2)

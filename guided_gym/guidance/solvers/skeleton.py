@@ -14,12 +14,19 @@ from guided_gym.checks import affordable, number
 from guided_gym.errors import InvalidInputError
 from guided_gym.geometry.environment import Environment
 from guided_gym.guidance.solvers.base import require_dimensions, require_rigid
-from guided_gym.guidance.solvers.graph import Anchors, Graph, GraphCostToGo
-from guided_gym.kernels.anchors import edge_anchors, nearest_segments
-from guided_gym.kernels.collision import motions_free
+from guided_gym.guidance.solvers.graph import AnchoredStates, Anchors, Graph, GraphCostToGo
+from guided_gym.kernels.anchors import (
+    edge_anchors,
+    enter_joined,
+    joined_values,
+    nearest_segments,
+    segments_near,
+)
+from guided_gym.kernels.collision import Geometry, motions_free
 from guided_gym.kernels.delaunay import CORNERS, box_of, circle_centres, insert, triangulate
 from guided_gym.kernels.skeleton import branches, cut_branches, facing_feet, ridges, without_dead_ends
 from guided_gym.storage.preparations import Arrays, fits, prepared, within
+from guided_gym.structures.nearest import kernel_array
 from guided_gym.structures.shortest_paths import graph_from_edges
 
 if TYPE_CHECKING:
@@ -435,22 +442,53 @@ class Skeleton(GraphCostToGo):
 
     def anchor(self, states: NDArray[np.float64]) -> Anchors:
         """Join each state to both ends of its nearest skeleton edge."""
-        graph, geometry = self.graph, self.query.space.environment.point_geometry
-        return Anchors(*edge_anchors(states, self._tails, self._heads, graph.edges, graph.lengths, geometry))
+        return Anchors(*edge_anchors(states, *self._edges_with_ends, self._geometry))
+
+    @property
+    def _edges_with_ends(self) -> tuple[Floats, Floats, Int32s, Floats]:
+        graph = self.graph
+        return self._tails, self._heads, graph.edges, graph.lengths
+
+    @property
+    def _geometry(self) -> Geometry:
+        return self.query.space.environment.point_geometry
+
+    def __call__(self, states: NDArray[np.float64]) -> NDArray[np.float64]:
+        """(n, 2) positions to (n,) cost-to-go."""
+        if not self._open:
+            return np.full(len(states), np.inf)
+        graph = self.graph
+        h: NDArray[np.float64] = joined_values(
+            np.ascontiguousarray(states), self._edges_with_ends, graph.multipliers, graph.ways,
+            self._geometry,
+        )  # fmt: skip
+        return h
+
+    def _enter(self, nodes: AnchoredStates, states: NDArray[np.float64]) -> None:
+        """Join the next nodes of a tree, and compute their cost-to-go."""
+        if not self._open:
+            super()._enter(nodes, states)
+            return
+        first, graph = len(nodes), self.graph
+        nodes.make_room(states, 2)
+        found = enter_joined(
+            states, (first, nodes.links), nodes.held, nodes.lists, self._h, self._edges_with_ends,
+            graph.multipliers, graph.ways, self._geometry,
+        )  # fmt: skip
+        nodes.joined(*found)
 
     def _charge(self, states: NDArray[np.float64], anchors: Anchors) -> None:
         """Nothing: anchors run along edges, and grow with them."""
 
-    def _teach(self, state: NDArray[np.float64], reach: float, factor: float) -> None:
-        self.graph.raise_edges(self.edges_near(state, reach), factor)
+    def raise_near(self, state: NDArray[np.float64], reach: float, factor: float) -> None:
+        """Lengthen, or remove, the edges that pass within ``reach`` of a state, and its own."""
+        self.graph.raise_edges(self.edges_near(kernel_array(state, np.float64), reach), factor)
 
     def edges_near(self, state: NDArray[np.float64], reach: float) -> NDArray[np.int64]:
         """The edge that a state is joined to, and those that pass within ``reach`` of it."""
-        nearest = nearest_segments(state[None], self._tails, self._heads)[0].astype(np.int64)
-        if reach == 0:
-            return nearest
-        near = super().edges_near(state, reach)
-        return near if nearest[0] in near else np.insert(near, np.searchsorted(near, nearest), nearest)
+        ends = self._tails, self._heads
+        near: NDArray[np.int64] = segments_near(self.segments.state, ends, state, reach)
+        return near
 
     def vertices_near(self, state: NDArray[np.float64], reach: float) -> NDArray[np.int64]:
         """Vertices within ``reach`` of a state."""

@@ -19,7 +19,7 @@ PROGRAM = """
 import sys
 import numpy as np
 from numba.core import event
-from guided_gym.kernels.metric import Metric, interpolate
+from guided_gym.kernels.metric import interpolate
 
 class Count(event.Listener):
     compiled = 0
@@ -29,7 +29,7 @@ class Count(event.Listener):
 
 sys.stdin.readline()  # all start together
 event.register("numba:compile", Count())
-metric = Metric(np.ones(3), np.zeros(3))
+metric = (np.ones(3), np.zeros(3))
 print(interpolate(np.zeros(3), np.ones(3), 0.5, metric).tolist(), Count.compiled)
 """
 

@@ -20,7 +20,7 @@ from guided_gym.compute import shipped_kernels
 shipped_kernels.ARCHIVE = sys.argv[1]
 import numpy as np
 from numba.core import event
-from guided_gym.kernels.metric import Metric, interpolate
+from guided_gym.kernels.metric import interpolate
 
 class Count(event.Listener):
     compiled = 0
@@ -29,7 +29,7 @@ class Count(event.Listener):
         Count.compiled += event.data["dispatcher"].py_func.__module__.startswith("guided_gym.")
 
 event.register("numba:compile", Count())
-metric = Metric(np.ones(3), np.zeros(3))
+metric = (np.ones(3), np.zeros(3))
 print(interpolate(np.zeros(3), np.ones(3), 1 / 3, metric).tolist(), Count.compiled)
 """
 KERNELS = 3  # interpolate, placed, shortest

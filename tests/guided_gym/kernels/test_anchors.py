@@ -8,9 +8,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from guided_gym.kernels.anchors import anchored_values_of, charge_anchors, nearest_segments
-from guided_gym.kernels.metric import Metric, segment_separation
+from guided_gym.kernels.metric import segment_separation
 
-M = Metric(np.ones(2), np.zeros(2))
+M = (np.ones(2), np.zeros(2))
 
 
 def test_anchored_values__hand_worked() -> None:

@@ -10,7 +10,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from guided_gym.kernels.cells import assign_cells
-from guided_gym.kernels.metric import Metric, separation
+from guided_gym.kernels.metric import separation
 
 
 @settings(max_examples=25, deadline=None)
@@ -33,9 +33,9 @@ def test_assign_cells__agrees_with_a_full_search(seed: int, kind: str, batches: 
     owner, distance = np.zeros(60, np.int64), np.full(60, np.inf)
     first = 0
     for last in np.cumsum([1, *batches]):
-        assign_cells(samples, nodes, first, last, Metric(weights, periods), owner, distance)
+        assign_cells(samples, nodes, first, last, (weights, periods), owner, distance)
         first = last
     for j in range(60):
-        all_of_them = [separation(q, samples[j], Metric(weights, periods)) for q in nodes]
+        all_of_them = [separation(q, samples[j], (weights, periods)) for q in nodes]
         assert owner[j] == int(np.argmin(all_of_them))
         assert distance[j] == pytest.approx(min(all_of_them))

@@ -9,10 +9,10 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from guided_gym.kernels.metric import Metric, ball_samples, segment_separation, separation, shortest, steer
+from guided_gym.kernels.metric import ball_samples, segment_separation, separation, shortest, steer
 
 W, P = np.array([1.0, 1.0, 0.5]), np.array([0.0, 0.0, 2 * math.pi])
-M = Metric(W, P)
+M = (W, P)
 quick = settings(max_examples=80, deadline=None)
 poses = st.tuples(st.floats(-9, 9), st.floats(-9, 9), st.floats(-math.pi, math.pi)).map(np.array)
 

@@ -10,7 +10,6 @@ from numba import njit
 
 from guided_gym.errors import InvalidInputError
 from guided_gym.kernels import nearest as kernel
-from guided_gym.kernels.metric import Metric
 from guided_gym.structures.nearest import GrowingIndex
 
 SE2 = ([1.0, 1.0, 0.5], [0.0, 0.0, 2 * np.pi])
@@ -50,7 +49,7 @@ def clouds(draw):
 @given(clouds(), st.integers(1, 20))
 def test_index__equals_a_linear_scan(cloud, k):
     points, queries, weights, periods = cloud
-    index = GrowingIndex(Metric(weights, periods), capacity=4)
+    index = GrowingIndex((weights, periods), capacity=4)
     for p in points:
         index.add(p)
     np.testing.assert_array_equal(index.points, points)
@@ -69,7 +68,7 @@ def test_index__equals_a_linear_scan(cloud, k):
 
 
 def test_index__neighbours_across_the_seam():
-    index = GrowingIndex(Metric(*SE2))
+    index = GrowingIndex(SE2)
     index.add_many([[0, 0, 3.1], [0, 0, 0.0], [0.2, 0, -3.1]])
     assert index.nearest([0, 0, -3.1])[0] == 0
     assert index.nearest([0, 0, -3.1])[1] == pytest.approx(0.5 * (2 * np.pi - 6.2))
@@ -77,7 +76,7 @@ def test_index__neighbours_across_the_seam():
 
 
 def test_index__angles_outside_one_turn_are_wrapped():
-    index = GrowingIndex(Metric(*SE2))
+    index = GrowingIndex(SE2)
     index.add([1, 1, 0.5 + 4 * np.pi])
     index.add([1, 1, -np.pi])
     assert index.nearest([1, 1, 0.5 - 2 * np.pi])[1] == pytest.approx(0, abs=1e-12)
@@ -95,7 +94,7 @@ def test_index__stays_balanced_for_adversarial_orders(order):
         "diagonal": np.stack([x, x], 1),
         "identical": np.full((n, 2), 0.25),
     }[order]
-    index = GrowingIndex(Metric([1, 1], [0, 0]))
+    index = GrowingIndex(([1, 1], [0, 0]))
     for p in points:
         index.add(p)
     assert kernel.depth(index.state[1]) <= 30
@@ -105,7 +104,7 @@ def test_index__stays_balanced_for_adversarial_orders(order):
 
 
 def test_insert__says_full_and_changes_nothing():
-    index = GrowingIndex(Metric(*SE2), capacity=2)
+    index = GrowingIndex(SE2, capacity=2)
     row = np.zeros(3)
     assert [kernel.insert(index.state, row) for _ in range(4)] == [0, 1, kernel.FULL, kernel.FULL]
     assert len(index) == 2
@@ -125,14 +124,14 @@ def _grow_from(state, q):
 
 def test_state__is_one_type_for_every_dimension_and_serves_fused_kernels():
     for d in (1, 3):
-        index = GrowingIndex(Metric(np.ones(d), np.zeros(d)), capacity=3)
+        index = GrowingIndex((np.ones(d), np.zeros(d)), capacity=3)
         index.add(np.zeros(d))
         assert _grow_from(index.state, np.zeros(d)) == kernel.FULL
     assert len(_grow_from.signatures) == 1
 
 
 def test_index__refuses_bad_input_and_keeps_its_content():
-    index = GrowingIndex(Metric(*SE2))
+    index = GrowingIndex(SE2)
     for call in (lambda: index.nearest([0, 0, 0]), lambda: index.nearest_many([[0, 0, 0]])):
         with pytest.raises(InvalidInputError, match="empty"):
             call()
@@ -156,11 +155,11 @@ def test_index__refuses_bad_input_and_keeps_its_content():
 )
 def test_index__refuses_a_bad_metric(weights, periods):
     with pytest.raises(InvalidInputError, match="expected"):
-        GrowingIndex(Metric(weights, periods))
+        GrowingIndex((weights, periods))
 
 
 def test_points__are_read_only():
-    index = GrowingIndex(Metric(*SE2))
+    index = GrowingIndex(SE2)
     index.add([1, 2, 3])
     with pytest.raises(ValueError, match="read-only"):
         index.points[0] = 0

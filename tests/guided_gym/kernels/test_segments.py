@@ -10,7 +10,6 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from guided_gym.errors import InvalidInputError
-from guided_gym.kernels.metric import Metric
 from guided_gym.structures.segments import SegmentIndex
 
 SE2 = (np.array([1.0, 1.0, 0.54]), np.array([0.0, 0.0, 2 * np.pi]))
@@ -39,7 +38,7 @@ def test_segments__within_equals_brute_force(seed, periods, r):
     span = np.where(periods > 0, periods / 2, 3.0)
     points = rng.uniform(-span, span, (30, 2))
     edges = rng.integers(0, 30, (60, 2))
-    index = SegmentIndex(points, edges, Metric(weights, periods))
+    index = SegmentIndex(points, edges, (weights, periods))
     for q in rng.uniform(-span, span, (5, 2)):
         exact = np.array([segment_distances(q, points[u], points[v], weights, periods) for u, v in edges])
         if np.min(np.abs(exact - r)) > 1e-9:
@@ -48,7 +47,7 @@ def test_segments__within_equals_brute_force(seed, periods, r):
 
 def test_segments__across_the_seam_by_hand():
     points = np.array([[0.0, 0.0, 3.0], [0.0, 0.0, -3.0], [1.0, 0.0, 0.0], [3.0, 0.0, 0.0]])
-    index = SegmentIndex(points, [[0, 1], [2, 3], [2, 2]], Metric(*SE2))
+    index = SegmentIndex(points, [[0, 1], [2, 3], [2, 2]], SE2)
     np.testing.assert_array_equal(index.within([0, 0, -np.pi], 0.01), [0])
     np.testing.assert_array_equal(index.within([0, 0.1, 3.1], 0.11), [0])
     np.testing.assert_array_equal(index.within([2, 0.3, 0], 0.31), [1])
@@ -57,15 +56,15 @@ def test_segments__across_the_seam_by_hand():
     with pytest.raises(InvalidInputError):
         index.within([0, 0], 1)
     with pytest.raises(InvalidInputError):
-        SegmentIndex(points, [[0, 4]], Metric(*SE2))
-    assert SegmentIndex(points, np.empty((0, 2)), Metric(*SE2)).within([0, 0, 0], 9).size == 0
+        SegmentIndex(points, [[0, 4]], SE2)
+    assert SegmentIndex(points, np.empty((0, 2)), SE2).within([0, 0, 0], 9).size == 0
 
 
 def test_segments__long_edges_among_short_ones():
     rng = np.random.default_rng(3)
     points = rng.uniform([0, 0, -np.pi], [10, 10, np.pi], (500, 3))
     edges = np.stack([np.arange(499), np.arange(1, 500)], axis=1)  # any length
-    index = SegmentIndex(points, edges, Metric(*SE2))
+    index = SegmentIndex(points, edges, SE2)
     for q in points[::50]:
         exact = [segment_distances(q, points[u], points[v], *SE2) for u, v in edges]
         np.testing.assert_array_equal(index.within(q, 0.7), np.flatnonzero(np.array(exact) <= 0.7))

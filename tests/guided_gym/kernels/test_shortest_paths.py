@@ -12,7 +12,6 @@ from scipy.sparse import csr_array
 from scipy.sparse.csgraph import dijkstra
 
 from guided_gym.errors import InvalidInputError
-from guided_gym.kernels.metric import Metric
 from guided_gym.structures.shortest_paths import ShortestPathTree, graph_from_edges, nearest_graph
 
 SE2 = (np.array([1.0, 1.0, 0.54]), np.array([0.0, 0.0, 2 * np.pi]))
@@ -179,7 +178,7 @@ def test_nearest_graph__joins_the_nearest_both_ways(seed, n, k, duplicates):
     points = rng.uniform([0, 0, -np.pi], [2, 2, np.pi], (n, 3))
     if duplicates:
         points[: n // 2] = points[0]
-    graph = nearest_graph(points, Metric(*SE2), k)
+    graph = nearest_graph(points, SE2, k)
     expected = set()
     for v in range(n):
         distances = torus_distances(points, points[v], *SE2)

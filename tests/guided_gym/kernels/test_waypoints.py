@@ -7,10 +7,9 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from guided_gym.kernels.metric import Metric
 from guided_gym.kernels.waypoints import path_anchors
 
-M = Metric(np.ones(2), np.zeros(2))
+M = (np.ones(2), np.zeros(2))
 
 
 def test_path_anchors__hand_worked() -> None:
