@@ -482,7 +482,7 @@ class GuidedSearchEnv(gymnasium.Env[Observation, Action]):
             "invalid_action": invalid,
             "sampling_efficiency": float(efficiency),
             "best_possible": float(best),
-            "cost": path_cost(search),
+            "cost": path_cost(search) if search.solved else math.inf,
             "region": NO_REGION,
             "oracle_error": self.measure.oracle.error.mean,
         }

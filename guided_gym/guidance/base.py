@@ -156,16 +156,20 @@ class GuidingSpace(ABC):
 
     def _checked(self, h: Any, count: int) -> NDArray[np.float64]:
         """What `heuristic` returned, if it is ``count`` values of h."""
-        what = f"{type(self).__name__}.heuristic: expected ({count},) numbers >= 0, infinite for no guidance"
+
+        def wrong(got: str) -> InvalidInputError:
+            what = f"{type(self).__name__}.heuristic: expected ({count},) numbers >= 0"
+            return InvalidInputError(f"{what}, infinite for no guidance; got {got}")
+
         try:
             values = np.asarray(h, np.float64)
         except (TypeError, ValueError) as error:
-            raise InvalidInputError(f"{what}; got {shown(h)}") from error
+            raise wrong(shown(h)) from error
         if values.shape != (count,):
-            raise InvalidInputError(f"{what}; got shape {values.shape}")
+            raise wrong(f"shape {values.shape}")
         if count and not values[values.argmin()] >= 0:  # nor is NaN; a reduction takes three times as long
             bad = int(np.argmin(values >= 0))
-            raise InvalidInputError(f"{what}; got {values[bad]} for state {bad}")
+            raise wrong(f"{values[bad]} for state {bad}")
         return values
 
 

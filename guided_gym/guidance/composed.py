@@ -266,7 +266,7 @@ class Composed(GuidingSpace):
         if self.fallback is not None and not math.isfinite(self.costs(tree)[node]):
             return self.fallback.propose(tree, node)
         q = tree.nodes.configurations[node]
-        untried = tree.nodes.children[node] + tree.nodes.failures[node] == 0
+        untried = not (tree.nodes.children[node] or tree.nodes.failures[node])
         if (
             untried
             and not self.search.task.by_edge

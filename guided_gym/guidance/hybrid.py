@@ -68,15 +68,18 @@ class Hybrid(GuidingSpace):
             guide.reset(self.search)
         self.rule.begin(self.guides, self.search)
         self._joint = bool(getattr(self.rule, "joint", False))
+        self._weights, self._given = np.zeros(0), [0.0]
         self._turn()
 
     def _turn(self) -> None:
         """Ask the rule for the next sample's weights, and draw who guides it."""
-        weights, given = self._checked_weights(self.rule.weights())
-        self._weights = weights
+        weights = self.rule.weights()
+        if weights is not self._weights or weights.flags.writeable or weights.base is not None:
+            self._weights, self._given = self._checked_weights(weights)  # else nobody can have changed them
+        given = self._given
         largest = given.index(max(given))
         alone = given[largest] == sum(given) or self._joint
-        self.current = largest if alone else draw(weights, self.rng)
+        self.current = largest if alone else draw(self._weights, self.rng)
 
     def _checked_weights(self, weights: Any) -> tuple[Floats, list[float]]:
         """The weights as an array and as a list."""

@@ -46,12 +46,13 @@ class Taking:
         """Start over with the first."""
         self.guides, self.search = guides, search
         self.turn = 0
+        self._alone = [row.copy() for row in np.eye(len(guides))]  # the weights of each turn
+        for weights in self._alone:
+            weights.flags.writeable = False
 
     def weights(self) -> Weights:
         """All weight on the one whose turn it is."""
-        weights = np.zeros(len(self.guides))
-        weights[self.turn] = 1.0
-        return weights
+        return self._alone[self.turn]
 
     def learn(self, guide: int, expansion: Expansion) -> None:
         """Nothing."""

@@ -49,12 +49,6 @@ class SearchColumn(IntEnum):
     NEAREST = 4  # distance of the nearest node to the goal, by that of the root, at most 1
 
 
-class _Row:
-    """What is kept of each guiding space, as `guided_gym.kernels.turns.seen` takes it."""
-
-    LAST_FAILED, FAILURES, WAITING, USES, REMAINING, TREND = range(6)
-
-
 COLUMN_NAMES: Final = tuple(f"search.{c.name.lower()}" for c in SearchColumn) + tuple(
     f"guide.{c.name.lower()}" for c in GuideColumn
 )
@@ -89,8 +83,9 @@ class Turns:
         self._guides, self._search = guides, search
         k = len(guides)
         self._current = 0
-        self._record = np.zeros((6, k))  # rows as in `_Row`
-        self._favourites = np.zeros(k, np.int64)
+        self._last_failed, self._failures = [0.0] * k, [0.0] * k
+        self._waiting, self._uses = [0.0] * k, [0.0] * k
+        self._record, self._favourites = np.zeros((6, k)), np.zeros(k, np.int64)  # as `seen` takes them
         self._scale, self._lagging = [1.0] * k, [math.nan] * k
         self._bounds = bounds(k)
         self._streak = 0
@@ -101,12 +96,11 @@ class Turns:
         """Record what became of a sample that ``guide`` guided."""
         failed = float(expansion.failed)
         self._current = guide
-        record = self._record
-        record[_Row.LAST_FAILED, guide] = failed
-        record[_Row.FAILURES, guide] += (1 - _MEMORY) * (failed - record[_Row.FAILURES, guide])
-        record[_Row.WAITING] += 1.0
-        record[_Row.WAITING, guide] = 0.0
-        record[_Row.USES, guide] += 1.0
+        self._last_failed[guide] = failed
+        self._failures[guide] += (1 - _MEMORY) * (failed - self._failures[guide])
+        self._waiting = [samples + 1 for samples in self._waiting]
+        self._waiting[guide] = 0.0
+        self._uses[guide] += 1
         self._streak = self._streak + 1 if expansion.failed else 0
         if expansion.child != NO_NODE:
             search = self._search
@@ -117,11 +111,14 @@ class Turns:
     def observe(self) -> NDArray[np.float32]:
         """(5 + 13 k,) the numbers, `SearchColumn` first, then `GuideColumn` of each; once a sample."""
         search, record = self._search, self._record
+        last_failed, failures, waiting, uses, remaining, trend = record
         for guide in range(len(self._guides)):
             self._favourites[guide], h = self._favourite(guide)
             before = self._lagging[guide]
-            record[_Row.REMAINING, guide], record[_Row.TREND, guide] = h, 4 * (before - h)
             self._lagging[guide] = _LAG * before + (1 - _LAG) * h
+            last_failed[guide], failures[guide] = self._last_failed[guide], self._failures[guide]
+            waiting[guide], uses[guide] = self._waiting[guide], self._uses[guide]
+            remaining[guide], trend[guide] = h, 4 * (before - h)
         nodes = search.tree.nodes
         numbers: NDArray[np.float32] = seen(
             record,

@@ -349,6 +349,11 @@ class Taught:
         return states[rows], reaches[rows], factors[rows]
 
     @property
+    def room(self) -> tuple[Floats, Floats, Floats]:
+        """`arrays`, and room for more: for kernels that look by the index alone."""
+        return self._arrays
+
+    @property
     def arrays(self) -> tuple[Floats, Floats, Floats]:
         """(n, d') states, (n,) reaches and (n,) factors, as kernels take them."""
         states, reaches, factors = self._arrays

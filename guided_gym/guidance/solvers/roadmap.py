@@ -145,7 +145,7 @@ class Roadmap(GraphCostToGo):
         if not self._lazy or count == 0:
             return super().joined(states)
         nearest, metric = self._net.nearest.state, self.query.space.metric
-        taught = self.taught.arrays, self.taught.index.state, self.taught.farthest
+        taught = self.taught.room, self.taught.index.state, self.taught.farthest
         return Anchors(*charged_anchors(states, nearest, points, count, *taught, metric))
 
     def _enter(self, nodes: AnchoredStates, states: Floats) -> None:
@@ -160,7 +160,7 @@ class Roadmap(GraphCostToGo):
         found = enter_charged(
             states, (first, nodes.links, count), nodes.held, nodes.lists, self._h,
             (self._net.nearest.state, graph.points, graph.ways),
-            self.taught.arrays, self.taught.index.state, self.taught.farthest, self.query.space.metric,
+            self.taught.room, self.taught.index.state, self.taught.farthest, self.query.space.metric,
         )  # fmt: skip
         nodes.joined(*found)
 
@@ -179,7 +179,7 @@ class Roadmap(GraphCostToGo):
             graph = self.graph
             h: Floats = candidate_values(
                 states, self._net.nearest.state, graph.points, graph.ways, self.anchors,
-                self.taught.arrays, self.taught.index.state, self.taught.farthest, self.query.space.metric,
+                self.taught.room, self.taught.index.state, self.taught.farthest, self.query.space.metric,
             )  # fmt: skip
             return h
         return super().__call__(states)
