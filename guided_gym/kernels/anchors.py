@@ -74,13 +74,15 @@ def _charged(
     q: Floats,
     v: Floats,
     near: Ints,
+    count: int,
     taught: Taught,
     metric: Metric,
 ) -> float:
-    """Length of the anchor from ``q`` to ``v`` with what was raised near it."""
+    """Length of the anchor from ``q`` to ``v`` with what was raised near it, at the first states."""
     states, reaches, factors = taught
     away = separation(q, v, metric)
-    for f in near:
+    for s in range(count):
+        f = near[s]
         if segment_separation(q, v, states[f], metric) <= reaches[f]:
             if factors[f] == np.inf:
                 return np.inf
@@ -88,16 +90,30 @@ def _charged(
     return length
 
 
-@njit(cache=True)
-def _close(q: Floats, i: int, among: Ints, taught: Taught, longest: float, metric: Metric) -> Ints:
-    """Which of some states an anchor of that length from row i of ``q`` can pass within their reach."""
+@borrowing
+def _find_close(
+    q: Floats, i: int, among: Ints, taught: Taught, longest: float, metric: Metric, near: Ints
+) -> int:
+    """Write, first in ``near``, which of some states an anchor from row i of ``q`` can pass within reach of.
+
+    Returns:
+        How many.
+    """
     states, reaches, _ = taught
     weights, periods = metric
-    near, count = np.empty(among.size, np.int64), 0
+    count = 0
     for f in among:
         if _apart(q, i, states, f, weights, periods) <= reaches[f] + longest:
             near[count] = f
             count += 1
+    return count
+
+
+@njit(cache=True)
+def _close(q: Floats, i: int, among: Ints, taught: Taught, longest: float, metric: Metric) -> Ints:
+    """Which of some states an anchor of that length from row i of ``q`` can pass within their reach."""
+    near = np.empty(among.size, np.int64)
+    count = _find_close(q, i, among, taught, longest, metric, near)
     return near[:count]
 
 
@@ -143,7 +159,7 @@ def charge_anchors(
         for j in range(vertices.shape[1]):
             if vertices[i, j] >= 0 and lengths[i, j] < np.inf:
                 v = points[vertices[i, j]]
-                lengths[i, j] = _charged(lengths[i, j], q[i], v, near, taught, metric)
+                lengths[i, j] = _charged(lengths[i, j], q[i], v, near, near.size, taught, metric)
 
 
 @njit(cache=True)
@@ -214,7 +230,8 @@ def charged_anchors(
     for i in range(q.shape[0]):
         near = _around(q, i, lessons, taught, farthest, lengths[i].max(), metric)
         for j in range(k):
-            lengths[i, j] = _charged(lengths[i, j], q[i], points[vertices[i, j]], near, taught, metric)
+            v = points[vertices[i, j]]
+            lengths[i, j] = _charged(lengths[i, j], q[i], v, near, near.size, taught, metric)
     return vertices, lengths, np.full(vertices.shape, -1, np.int32)
 
 
@@ -245,6 +262,58 @@ def _all_apart(q: Floats, i: int, columns: Floats, metric: Metric, out: Floats) 
                 out[a] += (weight * delta) * (weight * delta)
     for a in range(out.size):
         out[a] = np.sqrt(out[a])
+
+
+@borrowing
+def _keep_nearest(
+    q: Floats, i: int, columns: Floats, some: Ints, room: tuple[Floats, Ints, Floats], metric: Metric
+) -> None:
+    """Find the nearest of some vertices to row i of q.
+
+    Args:
+        q: (n, d) configurations.
+        i: Which of them.
+        columns: (d, m) coordinates of the vertices.
+        some: (m,) their numbers, k at least.
+        room: (k,) their distances, the nearest first, and (k,) their numbers, both written; and (m,) for all
+            distances.
+        metric: Weights and periods of the distance.
+    """
+    lengths, ids, apart = room
+    k, held = lengths.size, 0
+    _all_apart(q, i, columns, metric, apart)
+    for a in range(some.size):
+        length = apart[a]
+        if held == k and length >= lengths[k - 1]:
+            continue
+        slot = held if held < k else k - 1
+        while slot > 0 and lengths[slot - 1] > length:
+            lengths[slot], ids[slot] = lengths[slot - 1], ids[slot - 1]
+            slot -= 1
+        lengths[slot], ids[slot] = length, some[a]
+        held = min(held + 1, k)
+
+
+@borrowing
+def _least_charged(
+    q: Floats,
+    i: int,
+    room: tuple[Floats, Ints, Floats],
+    points: Floats,
+    distance: Floats,
+    near: Ints,
+    count: int,
+    taught: Taught,
+    metric: Metric,
+) -> float:
+    """Value of row i of q over what `_keep_nearest` found, with what was raised near the ways."""
+    lengths, ids, _ = room
+    least = np.inf
+    for j in range(lengths.size):
+        if lengths[j] + distance[ids[j]] < least:
+            length = _charged(lengths[j], q[i], points[ids[j]], near, count, taught, metric)
+            least = min(least, length + distance[ids[j]])
+    return least
 
 
 @njit(cache=True)
@@ -292,36 +361,23 @@ def candidate_values(
         some = np.append(some, goal)
     alone = middle.reshape(1, middle.size)
     close = _around(alone, 0, lessons, taught, farthest, 2.0 * spread + reach, metric)
-    out = np.full(n, np.inf)
-    lengths, ids = np.empty(k), np.empty(k, np.int64)
-    columns, apart = np.empty((q.shape[1], some.size)), np.empty(some.size)
+    out, room = np.empty(n), (np.empty(k), np.empty(k, np.int64), np.empty(some.size))
+    near, columns = np.empty(close.size, np.int64), np.empty((q.shape[1], some.size))
     for c in range(q.shape[1]):
         for a in range(some.size):
             columns[c, a] = points[some[a], c]
     for i in range(n):
-        held, off = 0, separation(middle, q[i], metric)
-        _all_apart(q, i, columns, metric, apart)
-        for a in range(some.size):
-            length = apart[a]
-            if held == k and length >= lengths[k - 1]:
-                continue
-            slot = held if held < k else k - 1
-            while slot > 0 and lengths[slot - 1] > length:
-                lengths[slot], ids[slot] = lengths[slot - 1], ids[slot - 1]
-                slot -= 1
-            lengths[slot], ids[slot] = length, some[a]
-            held = min(held + 1, k)
-        if lengths[k - 1] > reach - off:  # another vertex may be nearer
-            own, far = nearest_anchors(q[i : i + 1], index, points, k, metric)
-            ids[:], lengths[:] = own[0].astype(np.int64), far[0]
-            near = _around(q, i, lessons, taught, farthest, lengths[k - 1], metric)
-        else:
-            near = _close(q, i, close, taught, lengths[k - 1], metric)
-        for j in range(k):
-            if lengths[j] + distance[ids[j]] < out[i]:
-                v = points[ids[j]]
-                length = _charged(lengths[j], q[i], v, near, taught, metric)
-                out[i] = min(out[i], length + distance[ids[j]])
+        known = reach - separation(middle, q[i], metric)
+        _keep_nearest(q, i, columns, some, room, metric)
+        if room[0][k - 1] <= known:
+            count = _find_close(q, i, close, taught, room[0][k - 1], metric, near)
+            out[i] = _least_charged(q, i, room, points, distance, near, count, taught, metric)
+        else:  # another vertex may be nearer
+            vertices, lengths = nearest_anchors(q[i : i + 1], index, points, k, metric)
+            own = _around(q, i, lessons, taught, farthest, lengths[0, k - 1], metric)
+            for j in range(k):
+                room[0][j], room[1][j] = lengths[0, j], vertices[0, j]
+            out[i] = _least_charged(q, i, room, points, distance, own, own.size, taught, metric)
     return out
 
 
@@ -599,14 +655,25 @@ def concerned_nodes(
 
 
 @borrowing
-def _segment_squared(q: Floats, tails: Floats, heads: Floats, e: int) -> tuple[float, float]:
-    """Fraction along a segment of its point nearest to q, and the square of the distance to that."""
+def _segment_squared(q: Floats, i: int, tails: Floats, heads: Floats, e: int) -> tuple[float, float]:
+    """Fraction along a segment of its point nearest to row i of q, and the square of the distance to that."""
     ux, uy = heads[e, 0] - tails[e, 0], heads[e, 1] - tails[e, 1]
-    px, py = q[0] - tails[e, 0], q[1] - tails[e, 1]
+    px, py = q[i, 0] - tails[e, 0], q[i, 1] - tails[e, 1]
     squared = ux * ux + uy * uy
     t = 0.0 if squared == 0.0 else min(1.0, max(0.0, (ux * px + uy * py) / squared))
     dx, dy = px - t * ux, py - t * uy
     return t, dx * dx + dy * dy
+
+
+@borrowing
+def _nearest_segment(q: Floats, i: int, tails: Floats, heads: Floats) -> tuple[int, float, float]:
+    """The segment nearest to row i of q, the first of equals; fraction along it, and distance."""
+    segment, fraction, least = 0, 0.0, np.inf
+    for e in range(tails.shape[0]):
+        t, squared = _segment_squared(q, i, tails, heads, e)
+        if squared < least:
+            segment, fraction, least = e, t, squared
+    return segment, fraction, np.sqrt(least)
 
 
 @njit(cache=True)
@@ -622,13 +689,9 @@ def nearest_segments(q: Floats, tails: Floats, heads: Floats) -> tuple[Int32s, F
         (n,) int32 segment, (n,) fraction along it of the nearest point, (n,) distance to that point.
     """
     n = q.shape[0]
-    segment, fraction, away = np.zeros(n, np.int32), np.zeros(n), np.full(n, np.inf)
+    segment, fraction, away = np.empty(n, np.int32), np.empty(n), np.empty(n)
     for i in range(n):
-        for e in range(tails.shape[0]):
-            t, d = _segment_squared(q[i], tails, heads, e)
-            if d < away[i]:
-                segment[i], fraction[i], away[i] = e, t, d
-        away[i] = np.sqrt(away[i])
+        segment[i], fraction[i], away[i] = _nearest_segment(q, i, tails, heads)
     return segment, fraction, away
 
 
