@@ -23,7 +23,14 @@ from guided_gym.train.plan_cli import register as register_plans
 from guided_gym.train.reinforcement_cli import train_app
 from guided_gym.train.replay_cli import register as register_replays
 from guided_gym.train.replay_cli import say_report
-from guided_gym.train.terminal import console, drawing_status, end_on_sigterm, exit_code, progress_bar
+from guided_gym.train.terminal import (
+    console,
+    drawing_status,
+    end_on_sigterm,
+    exit_code,
+    interruptions,
+    progress_bar,
+)
 
 if TYPE_CHECKING:
     from rich.console import Console
@@ -40,7 +47,8 @@ class _Group(TyperGroup):
 
     def invoke(self, ctx: Any) -> Any:
         try:
-            return super().invoke(ctx)
+            with interruptions():
+                return super().invoke(ctx)
         except GuidedGymError as error:
             print(f"guided-gym: error: {error}", file=sys.stderr)
             ctx.exit(EXIT_ERROR)

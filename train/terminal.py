@@ -37,6 +37,17 @@ def end_on_sigterm() -> None:
     signal.signal(signal.SIGTERM, terminated)
 
 
+@contextlib.contextmanager
+def interruptions() -> Iterator[None]:
+    """Raise an interruption that came while compiled code ran, where it is the cause of a SystemError."""
+    try:
+        yield
+    except SystemError as error:
+        if isinstance(error.__cause__, KeyboardInterrupt):
+            raise error.__cause__ from None
+        raise
+
+
 def exit_code(error: KeyboardInterrupt) -> int:
     """The exit code of a command that was stopped."""
     return EXIT_TERMINATED if isinstance(error, Terminated) else EXIT_INTERRUPTED
@@ -62,7 +73,7 @@ def progress_bar(title: str, place: Path) -> Iterator[Callable[..., None]]:
     shown = _bar(title, screen) if screen.is_terminal else _lines(title)
 
     try:
-        with shown as show:
+        with shown as show, interruptions():
 
             def update(done: int, total: int, what: str = title) -> None:
                 state.update(done=done, total=total)

@@ -8,7 +8,7 @@ import pytest
 
 from guided_gym.errors import InvalidInputError
 from guided_gym.train import terminal
-from guided_gym.train.terminal import LINE_SECONDS, drawing_status, progress_bar
+from guided_gym.train.terminal import LINE_SECONDS, Terminated, drawing_status, progress_bar
 
 
 class Clock:
@@ -93,3 +93,23 @@ def test_drawing__without_a_terminal_is_a_line_now_and_then(
             clock.now += 0.6 * LINE_SECONDS
             drawn(name)
     assert capsys.readouterr().err == "guided-gym: Drawing; two is done (12 s)\n"
+
+
+@pytest.mark.parametrize(("kind", "code"), [(KeyboardInterrupt, 130), (Terminated, 143)])
+def test_an_interruption_in_compiled_code_is_one(
+    kind: type[KeyboardInterrupt], code: int, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """There, Python makes it the cause of a SystemError."""
+    with pytest.raises(SystemExit) as ended, progress_bar("work", tmp_path) as progress:
+        progress(3, 7)
+        try:
+            raise kind
+        except KeyboardInterrupt as error:
+            raise SystemError("a kernel returned a result with an exception set") from error
+    assert ended.value.code == code
+    assert "3 of 7 are kept in" in capsys.readouterr().err
+
+
+def test_another_system_error_stays_what_it_is(tmp_path: Path) -> None:
+    with pytest.raises(SystemError, match="broken"), progress_bar("work", tmp_path):
+        raise SystemError("broken")
