@@ -191,3 +191,25 @@ def test_hybrid__least_is_what_values_say_however_often_it_is_asked() -> None:
             assert guide.least(search.tree) == (node, h)
         node = hybrid.select(search.tree)
         search.expand(node, hybrid.propose(search.tree, node))
+
+
+class Fading:
+    """A rule whose weights are always the same read-only view, of numbers that change."""
+
+    def begin(self, guides: Sequence[GuidingSpace], search: Search) -> None:
+        self.own = np.array([1.0, 0.0])
+        self.seen = self.own.view()
+        self.seen.flags.writeable = False
+
+    def weights(self) -> np.ndarray:
+        return self.seen
+
+    def learn(self, guide: int, expansion: Expansion) -> None:
+        self.own[:] = self.own[::-1].copy()
+
+
+def test_rule__whose_weights_change_in_place_is_heard(walled: Walled) -> None:
+    hybrid = Hybrid(make_guides(["goal_distance", "uninformed"]), rule=Fading())
+    for samples in (4, 5):
+        guided_search(walled("rectangle"), hybrid, seed=0, max_samples=samples, measure=False)
+        assert hybrid.current == samples % 2

@@ -7,8 +7,15 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from guided_gym.kernels.anchors import anchored_values_of, charge_anchors, nearest_segments
+from guided_gym.kernels.anchors import (
+    anchored_values_of,
+    candidate_values,
+    charge_anchors,
+    charged_anchors,
+    nearest_segments,
+)
 from guided_gym.kernels.metric import segment_separation
+from guided_gym.structures.nearest import GrowingIndex
 
 M = (np.ones(2), np.zeros(2))
 
@@ -83,3 +90,25 @@ def test_nearest_segments__agree_with_brute_force(seed: int) -> None:
         foot = tails[e] + fraction[i] * (heads[e] - tails[e])
         assert np.hypot(*(foot - q[i, :2])) == pytest.approx(away[i], abs=1e-6)
         assert 0 <= fraction[i] <= 1
+
+
+@pytest.mark.parametrize("spread", [1e-9, 0.05, 0.3, 3.0])
+def test_candidate_values__share_the_search_and_are_those_of_each_alone(spread: float) -> None:
+    rng = np.random.default_rng(4)
+    metric = np.array([1.0, 1.0, 0.5]), np.array([0.0, 0.0, 2 * np.pi])
+    for array in metric:
+        array.flags.writeable = False  # as a space's: compiled for those already
+    k, index, lessons = 4, GrowingIndex(metric), GrowingIndex(metric)
+    points = rng.uniform(-1, 1, (201, 3)) * (2, 2, np.pi)
+    places, reaches = rng.uniform(-1, 1, (9, 3)) * (2, 2, np.pi), rng.uniform(0.05, 0.4, 9)
+    index.add_many(points[:-1])  # the last one is the goal
+    lessons.add_many(places)
+    taught = places, reaches, rng.choice([1.5, np.inf], 9)
+    rest = taught, lessons.state, float(reaches.max()), metric
+    distance = rng.uniform(0, 5, 201)
+    for middle in (points[3], points[-1], np.array([1.9, 1.9, 3.1])):
+        q = middle + spread * rng.standard_normal((16, 3))
+        together = candidate_values(q, index.state, points, distance, k, *rest)
+        vertices, lengths, _ = charged_anchors(q, index.state, points, k, *rest)
+        alone = (lengths + distance[vertices]).min(axis=1)
+        np.testing.assert_allclose(together, alone, rtol=1e-13)  # the index rounds otherwise

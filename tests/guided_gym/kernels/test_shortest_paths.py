@@ -51,7 +51,7 @@ def graphs(draw):
 
 
 @settings(max_examples=60, deadline=None)
-@given(graphs(), st.lists(st.sampled_from(["raise", "edges", "vertices", "reset"]), max_size=8))
+@given(graphs(), st.lists(st.sampled_from(["raise", "lengthen", "edges", "vertices", "reset"]), max_size=8))
 def test_tree__repairs_to_what_a_fresh_run_gives(drawn, changes):
     graph, rng = drawn
     n, m = len(graph.indptr) - 1, len(graph.edges)
@@ -62,6 +62,11 @@ def test_tree__repairs_to_what_a_fresh_run_gives(drawn, changes):
         ids = rng.integers(0, m, rng.integers(0, 5)) if m else np.empty(0, int)
         if change == "raise":
             tree.raise_weights(ids, tree.weights[ids] + rng.integers(0, 3, len(ids)))
+        elif change == "lengthen":
+            lengths, multipliers = tree.weights.copy(), np.ones(m)
+            multipliers[ids] = rng.choice([1.0, 2.5, np.inf], len(ids))
+            given = tree.lengthen(ids.astype(np.int64), lengths, multipliers)
+            np.testing.assert_array_equal(np.sort(given), tree.changed)
         elif change == "edges":
             tree.remove_edges(ids)
         elif change == "vertices":
