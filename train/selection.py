@@ -3,7 +3,8 @@
 CMA-ES (the package ``cmaes``) tries numbers on searches of training problems in which all expand uniformly.
 All candidates of a generation search the same problems with the same seeds, and so do the numbers that the
 run began with: a candidate's loss is its share of theirs. Nothing is taught, so nothing has to be known of
-what a good choice is. Numbers are kept only if they search better on validation problems.
+what a good choice is. Numbers are kept only if they search better on validation problems: if they solve more,
+or as many with less total SE.
 """
 
 from __future__ import annotations
@@ -213,7 +214,7 @@ class _Run:
         """The agent with the numbers that were judged best; its weights are those that it had."""
         required = ("format", "kind", "training", "metrics")
         card, tensors = weights.load_agent(self.source, self.kind, required)
-        best = min(self.state["judged"], key=partial(rank, selection=True))
+        best = min(self.state["judged"], key=rank)  # excess SE alone would not mind longer searches
         earlier = {"training": card["training"], "metrics": card["metrics"]}
         card |= {
             "name": self.folder.path.name,

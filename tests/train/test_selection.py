@@ -54,7 +54,7 @@ def test_the_better_numbers_on_validation_problems_are_what_the_agent_selects_by
     stages = ["nothing", "generation 2", "the best of generation 1", "the best of generation 2"]
     assert [row["what"] for row in judged] == [f"validation after {stage}" for stage in stages]
     assert card["metrics"]["validation"]["stage"] in stages
-    least = min(judged, key=lambda row: rank(row, selection=True))
+    least = min(judged, key=rank)
     assert card["metrics"]["validation"]["total_efficiency"] == least["total_efficiency"]
     guidance = make_guidance(f"learned:{finished / AGENT_FOLDER}")
     assert isinstance(guidance, LearnedGuidance)
