@@ -344,13 +344,14 @@ def candidate_values(
     Returns:
         (n,) the least of length + distance, infinite where no anchor leads to the goal.
     """
+    periods = metric[1]
     n, goal = q.shape[0], points.shape[0] - 1
     middle = np.zeros(q.shape[1])
     for i in range(n):
         for c in range(q.shape[1]):
-            middle[c] += shortest(q[i, c] - q[0, c], metric[1][c]) / n
+            middle[c] += shortest(q[i, c] - q[0, c], periods[c]) / n
     for c in range(q.shape[1]):
-        middle[c] = placed(q[0, c] + middle[c], metric[1][c])
+        middle[c] = placed(q[0, c] + middle[c], periods[c])
     spread = 0.0
     for i in range(n):
         spread = max(spread, separation(middle, q[i], metric))

@@ -159,9 +159,10 @@ def _columns(scene: Scene, before: tuple[Floats, Floats], after: tuple[Floats, F
 @borrowing
 def parts_of(a: Floats, b: Floats, spacing: float, metric: Metric) -> int:
     """Into how many parts the motion from a to b is divided; none for a configuration."""
+    weights, periods = metric
     total = 0.0
     for i in range(a.size):
-        step = metric[0][i] * shortest(b[i] - a[i], metric[1][i])
+        step = weights[i] * shortest(b[i] - a[i], periods[i])
         total += step * step
     return math.ceil(math.sqrt(total) / spacing)
 
@@ -198,6 +199,7 @@ def motions_likely(
         metric: Weights and periods of the distance.
         least: Log probability below which a motion is not looked at any further.
     """
+    periods = metric[1]
     n, d = starts.shape
     out, looks = np.zeros(n), 0
     count, bodies = scene.points.shape[0], scene.bodies.shape[0] + 1
@@ -212,7 +214,7 @@ def motions_likely(
             out[i] = _log_free(columns, net)
         for k in range(1, parts + 1):
             for c in range(d):
-                q[c] = starts[i, c] + k / parts * shortest(ends[i, c] - starts[i, c], metric[1][c])
+                q[c] = starts[i, c] + k / parts * shortest(ends[i, c] - starts[i, c], periods[c])
             now, last = k % 2, (k - 1) % 2
             _look(q, scene, places[now], rooms[now], state)
             looks += 1
@@ -227,6 +229,7 @@ def motions_likely(
 @njit(cache=True)
 def rooms_along(starts: Floats, ends: Floats, count: int, scene: Scene, metric: Metric) -> Field:
     """(n, count, b + 1) room, in units, at configurations evenly spread from each start to its end."""
+    periods = metric[1]
     n, d = starts.shape
     bodies = scene.bodies.shape[0] + 1
     out = np.empty((n, count, bodies), np.float32)
@@ -236,7 +239,7 @@ def rooms_along(starts: Floats, ends: Floats, count: int, scene: Scene, metric: 
         for k in range(count):
             part = k / (count - 1) if count > 1 else 0.0
             for c in range(d):
-                q[c] = starts[i, c] + part * shortest(ends[i, c] - starts[i, c], metric[1][c])
+                q[c] = starts[i, c] + part * shortest(ends[i, c] - starts[i, c], periods[c])
             _look(q, scene, places, rooms, state)
             for b in range(bodies):
                 out[i, k, b] = rooms[b] / scene.unit
@@ -246,6 +249,7 @@ def rooms_along(starts: Floats, ends: Floats, count: int, scene: Scene, metric: 
 @njit(cache=True)
 def motion_columns(starts: Floats, ends: Floats, scene: Scene, metric: Metric) -> tuple[Field, Ints]:
     """All rows of columns of some motions, and which of the motions each belongs to: for training."""
+    periods = metric[1]
     n, d = starts.shape
     count, bodies = scene.points.shape[0], scene.bodies.shape[0] + 1
     total = 0
@@ -260,7 +264,7 @@ def motion_columns(starts: Floats, ends: Floats, scene: Scene, metric: Metric) -
         _look(starts[i], scene, places[0], rooms[0], state)
         for k in range(1, parts + 1):
             for c in range(d):
-                q[c] = starts[i, c] + k / parts * shortest(ends[i, c] - starts[i, c], metric[1][c])
+                q[c] = starts[i, c] + k / parts * shortest(ends[i, c] - starts[i, c], periods[c])
             now, last = k % 2, (k - 1) % 2
             _look(q, scene, places[now], rooms[now], state)
             _columns(scene, (places[last], rooms[last]), (places[now], rooms[now]), columns)

@@ -34,11 +34,12 @@ def assign_cells(
         owner: (m,) int64, changed in place.
         distance: (m,) distance to the owner, changed in place.
     """
+    weights, periods = metric
     for v in range(first, last):
         q = nodes[v]
         for j in range(samples.shape[0]):
             # One coordinate alone often shows that the owner stays.
-            if np.abs(samples[j, 0] - q[0]) * metric[0][0] >= distance[j] and metric[1][0] == 0.0:
+            if np.abs(samples[j, 0] - q[0]) * weights[0] >= distance[j] and periods[0] == 0.0:
                 continue
             d = separation(q, samples[j], metric)
             if d < distance[j]:

@@ -142,10 +142,11 @@ def descend(
 @njit(cache=True)
 def _around(here: FloatArray, reach: float, directions: FloatArray, metric: Metric) -> FloatArray:
     """(m, d) the poses that far from a pose (d,)."""
+    periods = metric[1]
     poses = np.empty(directions.shape)
     for i in range(directions.shape[0]):
         for a in range(directions.shape[1]):
-            poses[i, a] = placed(here[a] + reach * directions[i, a], metric[1][a])
+            poses[i, a] = placed(here[a] + reach * directions[i, a], periods[a])
     return poses
 
 

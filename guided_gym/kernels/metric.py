@@ -37,9 +37,10 @@ def placed(value: float, period: float) -> float:
 @borrowing
 def separation(a: Floats, b: Floats, metric: Metric) -> float:
     """Distance between configurations: sqrt(sum (w_i * wrapped difference_i)^2)."""
+    weights, periods = metric
     total = 0.0
     for i in range(a.size):
-        step = metric[0][i] * shortest(b[i] - a[i], metric[1][i])
+        step = weights[i] * shortest(b[i] - a[i], periods[i])
         total += step * step
     return np.sqrt(total)
 
@@ -59,9 +60,10 @@ def interpolate(a: Floats, b: Floats, t: float, metric: Metric) -> Floats:
 
     Periodic coordinates come back in [-period / 2, period / 2).
     """
+    periods = metric[1]
     out = np.empty(a.size)
     for i in range(a.size):
-        out[i] = placed(a[i] + t * shortest(b[i] - a[i], metric[1][i]), metric[1][i])
+        out[i] = placed(a[i] + t * shortest(b[i] - a[i], periods[i]), periods[i])
     return out
 
 
@@ -92,10 +94,11 @@ def segment_separation(
     Everything is unrolled around ``a``: exact while the distance and the motion's length add up to less than
     half a period, and never too small.
     """
+    weights, periods = metric
     along, squared, offset = 0.0, 0.0, 0.0
     for i in range(a.size):
-        u = metric[0][i] * shortest(b[i] - a[i], metric[1][i])
-        p = metric[0][i] * shortest(q[i] - a[i], metric[1][i])
+        u = weights[i] * shortest(b[i] - a[i], periods[i])
+        p = weights[i] * shortest(q[i] - a[i], periods[i])
         along += u * p
         squared += u * u
         offset += p * p
@@ -120,6 +123,7 @@ def ball_samples(
         step: Radius in the weighted distance.
         metric: Weights and periods of the distance.
     """
+    weights, periods = metric
     k, d = normals.shape
     out = np.empty((k, d))
     for j in range(k):
@@ -128,5 +132,5 @@ def ball_samples(
             norm += normals[j, i] * normals[j, i]
         scale = step * radii[j] ** (1.0 / d) / np.sqrt(norm)
         for i in range(d):
-            out[j, i] = placed(q[i] + scale * normals[j, i] / metric[0][i], metric[1][i])
+            out[j, i] = placed(q[i] + scale * normals[j, i] / weights[i], periods[i])
     return out

@@ -116,6 +116,7 @@ def slide(
         geometry: Robot and environment.
         metric: Weights and periods of the distance.
     """
+    periods = metric[1]
     out, step = path.copy(), first
     poses, lengths = np.empty(directions.shape), np.empty(directions.shape[0])
     while step >= last:
@@ -125,7 +126,7 @@ def slide(
             most = separation(before, out[i], metric) + separation(out[i], after, metric) - _WORTH * step
             for j in range(lengths.size):
                 for a in range(path.shape[1]):
-                    poses[j, a] = placed(out[i, a] + step * directions[j, a], metric[1][a])
+                    poses[j, a] = placed(out[i, a] + step * directions[j, a], periods[a])
                 lengths[j] = separation(before, poses[j], metric) + separation(poses[j], after, metric)
             for _ in range(lengths.size):
                 j = where_least(lengths)
