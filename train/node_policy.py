@@ -10,7 +10,7 @@ import copy
 from collections.abc import Callable
 from dataclasses import asdict, dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, Final
 
 import gymnasium
 import numpy as np
@@ -52,6 +52,8 @@ _KEPT = (
     "estimate",
     "scorer",
 )  # of the card of the agent that it began with
+SELECTION_REWARD: Final = {"regret": 1.0, "sample": 0.1}
+"""What a choice is worth where selection alone is learned."""
 _MOST = 1e4  # no column of the scorer is negative, and none that large
 
 
@@ -66,6 +68,8 @@ class PPOConfig(ReinforcementConfig):
         cells: Cells along each side of an untaught field's raster.
         headings: Headings of its grid.
         scorer_hidden: Units of each layer of the scorer; an agent that is named brings its own.
+        selection: Whether all searches expand uniformly, as in the protocol ``selection``. The reward is then
+            `SELECTION_REWARD`, whose best policy is known (docs/rewards.md), and least excess SE is best.
 
     Raises:
         InvalidInputError: An option that is out of range.
@@ -77,6 +81,7 @@ class PPOConfig(ReinforcementConfig):
     cells: int = 56
     headings: int = 16
     scorer_hidden: int = 32
+    selection: bool = False
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -110,11 +115,13 @@ class ScorerObservation(gymnasium.Wrapper[Any, Any, Any, Any]):
     zeros beyond the tree. ``action_mask`` (max_nodes,) int8: 1 for the nodes that there are.
 
     Args:
-        env: A search environment whose expansion is a `ScoredGuidance`.
+        env: A search environment.
+        guidance: Whose columns they are, and who learns from what the search does.
     """
 
-    def __init__(self, env: GuidedSearchEnv) -> None:
+    def __init__(self, env: GuidedSearchEnv, guidance: ScoredGuidance) -> None:
         super().__init__(env)
+        self._guidance = guidance
         self._max_nodes = env.max_nodes
         n = env.max_nodes
         self.observation_space = spaces.Dict(
@@ -146,12 +153,6 @@ class ScorerObservation(gymnasium.Wrapper[Any, Any, Any, Any]):
         inner = self.env
         assert isinstance(inner, GuidedSearchEnv)
         return inner
-
-    @property
-    def _guidance(self) -> ScoredGuidance:
-        guidance = self._search.expander
-        assert isinstance(guidance, ScoredGuidance)
-        return guidance
 
     def _observation(self) -> dict[str, NDArray[Any]]:
         tree = self._search.search.tree
@@ -226,6 +227,7 @@ class _ScorerTrainee(Trainee):
 
     def __init__(self, config: PPOConfig) -> None:
         self.config = config
+        self.selection = config.selection
         self.agent: LearnedAgent | MotionAgent
         if config.start in ("scratch", "plain"):
             field = FieldArchitecture(cells=config.cells, headings=config.headings)
@@ -263,10 +265,12 @@ class _ScorerTrainee(Trainee):
             split="train",
             max_nodes=max(samples + 2, 3),
             max_samples=samples,
-            expansion=guidance,
+            expansion="uniform" if self.selection else guidance,
+            reward=SELECTION_REWARD if self.selection else "efficiency",
             observe=Unobserved(),
         )
-        return ScorerObservation(env)
+        own = env.expander  # a copy of what was given
+        return ScorerObservation(env, own if isinstance(own, ScoredGuidance) else guidance)
 
     def model(self, environments: DummyVecEnv, options: dict[str, Any]) -> PPO:
         torch.manual_seed(self.config.seed)

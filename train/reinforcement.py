@@ -10,6 +10,7 @@ import time
 from abc import ABC, abstractmethod
 from collections.abc import Callable
 from dataclasses import asdict, dataclass
+from functools import partial
 from pathlib import Path
 from typing import Any, Final
 
@@ -123,10 +124,17 @@ class ReinforcementConfig:
 
 
 class Trainee(ABC):
-    """What is learned: an environment, the model that learns in it, and the guidance that results."""
+    """What is learned: an environment, the model that learns in it, and the guidance that results.
+
+    Attributes:
+        kind: The command that trains it.
+        config: Its options.
+        selection: Whether selection alone is learned: validation expands uniformly, and ranks by excess SE.
+    """
 
     kind: str
     config: ReinforcementConfig
+    selection: bool = False
 
     @abstractmethod
     def environment(self, name: str) -> gymnasium.Env[Any, Any]:
@@ -283,12 +291,14 @@ class _Run:
             count=config.validation,
             max_samples=config.max_samples,
             run=self.search,
+            expansion="uniform" if self.trainee.selection else None,
         )
         self.state["history"].append(metrics)
         self.state["validated"] = self.model.num_timesteps
         self._log(metrics)
         best = self.state["best"]
-        if best is None or rank(metrics) < rank(best):
+        order = partial(rank, selection=self.trainee.selection)
+        if best is None or order(metrics) < order(best):
             self.state["best"], self.best = metrics, tensors
 
     def _log(self, metrics: dict[str, Any]) -> None:

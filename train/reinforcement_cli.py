@@ -14,6 +14,7 @@ from guided_gym.train.terminal import progress_bar
 from guided_gym.train.training_cli import (
     DEVICE,
     SEED,
+    SELECTION,
     TENSORBOARD,
     VALIDATION,
     Config,
@@ -56,6 +57,7 @@ _SCORER: OptionTable = {
     "cells": (int, "Cells along each side of a field that is not learned."),
     "headings": (int, "Headings of a field that is not learned."),
     "scorer_hidden": (int, "Units of each layer of the scorer."),
+    "selection": SELECTION,
     **_PPO,
 }
 

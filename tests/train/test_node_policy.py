@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from dataclasses import replace
 from pathlib import Path
 
@@ -16,12 +17,14 @@ import torch
 from stable_baselines3.common.vec_env import DummyVecEnv
 
 from guided_gym import guided_search, make_distribution
+from guided_gym.envs.guided_search_env import GuidedSearchEnv
 from guided_gym.errors import InvalidInputError, StorageError, UnknownNameError
 from guided_gym.guidance.learned import weights
 from guided_gym.guidance.learned.agent import LearnedAgent, LearnedGuidance
+from guided_gym.guidance.learned.scorer import ScorerColumn
 from guided_gym.guidance.registry import make_guidance
 from guided_gym.train.cli import app
-from guided_gym.train.node_policy import PPOConfig, _ScorerTrainee, train_ppo
+from guided_gym.train.node_policy import SELECTION_REWARD, PPOConfig, _ScorerTrainee, train_ppo
 from guided_gym.train.reinforcement import buffer_bytes
 
 TINY = PPOConfig(
@@ -51,6 +54,29 @@ def test_the_agent_runs_by_its_name(finished):
 
 def test_one_seed_gives_the_same_weights(finished, tmp_path):
     assert run(TINY, tmp_path) == (finished / "agent" / weights.WEIGHTS_FILE).read_bytes()
+
+
+def test_selection_alone__random_draws_expand_and_the_reward_is_the_one_with_a_known_best_policy():
+    env = _ScorerTrainee(replace(TINY, selection=True)).environment("RandomSimplePassage")
+    plain = GuidedSearchEnv("RandomSimplePassage", split="train", max_samples=20, reward=SELECTION_REWARD)
+    env.reset(seed=0)
+    plain.reset(seed=0)
+    for _ in range(20):
+        seen, reward, _, truncated, _ = env.step(0)
+        assert reward == plain.step(0)[1]
+    assert truncated
+    tree = plain.search.tree
+    np.testing.assert_array_equal(env.unwrapped.search.tree.configurations, tree.configurations)
+    columns = seen["columns"].reshape(-1, len(ScorerColumn) + 1)
+    failed = np.log1p(tree.failures[0])
+    assert columns[0, ScorerColumn.FAILURES] == pytest.approx(failed) and failed > 0
+
+
+def test_a_run_of_selection_alone_validates_it(tmp_path):
+    run(replace(TINY, selection=True), tmp_path)
+    card = json.loads((tmp_path / "agent" / "card.json").read_text())
+    assert card["training"]["selection"] is True
+    assert card["metrics"]["validation"]["samples"] <= TINY.max_samples
 
 
 def test_observations_are_those_that_the_space_says():
