@@ -37,6 +37,7 @@ Proof = Callable[[ConfigurationSpace, Task], str | None]
 
 _PATIENCE: Final = 500  # samples before the dearer proof is tried
 _BURST: Final = 64  # samples in one go
+_NO_TREE: Final = -1  # how often a tree has changed that there is not
 
 
 @doors
@@ -139,7 +140,7 @@ class Composed(GuidingSpace):
         self._leading = easier.dimension if self.robot.keeps else getattr(self.robot, "leading", None)
         self._states = np.zeros((0, easier.dimension))
         self._projected = 0
-        self._least: tuple[tuple[int, int, int], tuple[int, float]] | None = None
+        self._least, self._least_of = (0, math.inf), _NO_TREE
         self._count_looks()
 
     def _doubts(self) -> Doubts | None:
@@ -215,10 +216,9 @@ class Composed(GuidingSpace):
 
     def least(self, tree: SearchTree) -> tuple[int, float]:
         """The node of least h, and its h; computed once per sample, however often it is asked for."""
-        stage = len(tree), tree.failure_count, tree.rewirings
-        if self._least is None or self._least[0] != stage:
-            self._least = stage, self._find_least(tree)
-        return self._least[1]
+        if self._least_of != tree.changes:
+            self._least, self._least_of = self._find_least(tree), tree.changes
+        return self._least
 
     def _find_least(self, tree: SearchTree) -> tuple[int, float]:
         if self.detour > 0 or type(self).values is not Composed.values:  # a subclass may charge otherwise
@@ -313,7 +313,7 @@ class Composed(GuidingSpace):
         grown = grow(search, terms, min(limit, _BURST))
         if grown is None or not len(grown.rows):
             return None
-        self._least = None
+        self._least_of = _NO_TREE
         rows: NDArray[np.int32] = grown.rows
         search.looks += grown.looks
         search.take_rows(rows, grown.outcome)
@@ -325,7 +325,7 @@ class Composed(GuidingSpace):
 
     def feedback(self, expansion: Expansion) -> None:
         """Teach the solver what a failure means, or have it begin anew in another E'."""
-        self._least = None
+        self._least_of = _NO_TREE
         part = 1.0
         if expansion.contact is not None and self.lesson.foreseen != 1.0 and self._foresaw(expansion):
             part = self.lesson.foreseen

@@ -3,6 +3,8 @@
 
 from __future__ import annotations
 
+from typing import Final, NamedTuple
+
 import numpy as np
 from numba import njit
 from numpy.typing import NDArray
@@ -13,6 +15,9 @@ from guided_gym.kernels.plain import borrowing
 
 Floats = NDArray[np.float64]
 Int32s = NDArray[np.int32]
+
+_MEMORY: Final = 0.8  # of the failures: what counts is about the last five
+_LAG: Final = 0.9  # of the trend: about the last ten
 
 
 @njit(cache=True)
@@ -42,12 +47,67 @@ def least_charged(h: Floats, failures: Int32s, children: Int32s, penalty: float)
     return node, least
 
 
+class Record(NamedTuple):
+    """What is kept of guiding spaces that take turns.
+
+    Attributes:
+        shares: (6, k) of each: whether its last expansion failed, its share of failures, its samples of
+            waiting and of use, the least h of its nodes by that of the root, and its trend.
+        scale: (k,) h of the root.
+        lagging: (k,) the least h by that of the root as it was lately; NaN before the first.
+        search: (2,) nearest distance of a node to the goal by the root's, and failures in a row.
+    """
+
+    shares: Floats
+    scale: Floats
+    lagging: Floats
+    search: Floats
+
+
+@borrowing
+def noted(
+    record: Record,
+    news: tuple[int, int, int],
+    configurations: Floats,
+    goal: Floats,
+    far: float,
+    metric: Metric,
+) -> None:
+    """Take in what became of a sample: who guided, whether it failed, and the new node (or none, < 0)."""
+    guide, failed, child = news
+    shares = record.shares
+    shares[0, guide] = failed
+    shares[1, guide] += (1 - _MEMORY) * (failed - shares[1, guide])
+    for i in range(shares.shape[1]):
+        shares[2, i] += 1.0
+    shares[2, guide] = 0.0
+    shares[3, guide] += 1.0
+    record.search[1] = record.search[1] + 1.0 if failed else 0.0
+    if child >= 0:
+        gap = separation(configurations[child], goal, metric) / far
+        record.search[0] = min(record.search[0], gap)
+
+
+@borrowing
+def _compare(record: Record, latest: Floats) -> None:
+    """Take in the least h of each guiding space: by that of the root at first, and how it has changed."""
+    for i in range(latest.size):
+        h, first = latest[i], np.isnan(record.lagging[i])
+        if first and 0 < h < np.inf:
+            record.scale[i] = h
+        h = min(h / record.scale[i], 2.0)
+        before = h if first else record.lagging[i]
+        record.lagging[i] = _LAG * before + (1 - _LAG) * h
+        record.shares[4, i], record.shares[5, i] = h, 4 * (before - h)
+
+
 @njit(cache=True)
 def seen(
-    record: Floats,
-    favourites: NDArray[np.int64],
-    search: tuple[float, float, float],
-    counts: tuple[int, int, int, int],
+    record: Record,
+    news: tuple[int, int, int],
+    favourites: tuple[NDArray[np.int64], Floats],
+    search: tuple[float, float],
+    counts: tuple[int, int, int],
     nodes: tuple[Floats, Int32s, Int32s],
     goal: Floats,
     geometry: Geometry,
@@ -57,20 +117,25 @@ def seen(
     """The numbers of `guided_gym.guidance.learned.turns`, in the order of their columns.
 
     Args:
-        record: (6, k) of each guiding space: whether its last expansion failed, its share of failures, its
-            samples of waiting and of use, the least h of its nodes by that of the root, and its trend.
-        favourites: (k,) int64 node of least h of each.
-        search: Nearest distance to the goal by the root's, that of the root (length), step (length).
-        counts: Samples, nodes, failures in a row, who guided last.
+        record: What is kept of the guiding spaces; brought up to date.
+        news: What became of the last sample, see `noted`; who guided is < 0 if that is known.
+        favourites: (k,) node of least h of each, and (k,) that h.
+        search: Distance of the root to the goal, step (length).
+        counts: Samples, nodes, who guided last.
         nodes: Configurations, failures and children of the tree's nodes.
         goal: (d,) goal.
         geometry: Of the robot.
         metric: Weights and periods of the distance.
         bounds: Least and largest value of each number.
     """
-    nearest, far, step = search
-    samples, size, streak, current = counts
-    hundred, k = np.log(101.0), favourites.size
+    far, step = search
+    samples, size, current = counts
+    if news[0] >= 0:
+        noted(record, news, nodes[0], goal, far, metric)
+    favourite, shares = favourites[0], record.shares
+    _compare(record, favourites[1])
+    nearest, streak = record.search[0], record.search[1]
+    hundred, k = np.log(101.0), favourite.size
     columns = 13
     out = np.zeros(5 + columns * k)
     out[0] = np.log1p(samples) / np.log(1001.0)
@@ -79,18 +144,18 @@ def seen(
     out[3] = np.log1p(streak) / hundred
     out[4] = nearest
     for i in range(k):
-        row, node = out[5 + columns * i : 5 + columns * (i + 1)], favourites[i]
+        row, node = out[5 + columns * i : 5 + columns * (i + 1)], favourite[i]
         q, failures = nodes[0][node], nodes[1][node]
         row[0] = 1.0 if i == current and samples > 0 else 0.0
-        row[1], row[2] = record[0, i], record[1, i]
-        row[3] = np.log1p(record[2, i]) / hundred
-        row[4] = record[3, i] / max(samples, 1)
-        row[5], row[6] = record[4, i], record[5, i]
+        row[1], row[2] = shares[0, i], shares[1, i]
+        row[3] = np.log1p(shares[2, i]) / hundred
+        row[4] = shares[3, i] / max(samples, 1)
+        row[5], row[6] = shares[4, i], shares[5, i]
         row[7] = np.log1p(failures + nodes[2][node]) / hundred
         row[8] = np.log1p(failures) / hundred
         row[9] = pose_clearance(q, geometry) / step / 2.0
         row[10] = separation(q, goal, metric) / far / 2.0
-        row[11] = 1.0 if node == favourites[current] else 0.0
+        row[11] = 1.0 if node == favourite[current] else 0.0
         row[12] = 1.0 - node / max(size - 1, 1)
     numbers = out.astype(np.float32)
     for j in range(numbers.size):

@@ -45,6 +45,7 @@ class SearchTree:
             tuple once they have grown.
         failed: The arrays of the failed expansions, likewise.
         rewirings: How many edges were replaced so far.
+        changes: How often it has changed: as long as this is the same, so is the tree.
         certified: Whether all edges are certified free; those of a planner that samples its motions are not.
 
     Args:
@@ -71,6 +72,7 @@ class SearchTree:
         self.failed = Failures(np.zeros(capacity, np.int32), np.zeros((capacity, d)), np.zeros((capacity, d)))
         self._index: GrowingIndex | None = None
         self.rewirings = 0
+        self.changes = 0
         self.certified = True
         self._append(root, NO_PARENT, 0.0, 0)
 
@@ -173,6 +175,7 @@ class SearchTree:
         configurations, parents, costs, depths, _, _ = self.nodes
         configurations[i], parents[i], costs[i], depths[i] = q, parent, cost, depth
         self._n = i + 1
+        self.changes += 1
         return i
 
     def add(self, q: NDArray[np.float64], parent: int, length: float) -> int:
@@ -213,6 +216,7 @@ class SearchTree:
         self.failed.contacts[i] = contact
         self.nodes.failures[node] += 1
         self._failed = i + 1
+        self.changes += 1
 
     def path_to(self, node: int) -> NDArray[np.int32]:
         """(k,) node indices from the root to ``node``.
@@ -255,6 +259,7 @@ class SearchTree:
             self.nodes.depths[v] += deeper
             stack.extend(order[v])
         self.rewirings += 1
+        self.changes += 1
 
     def reserve(self, extra: int) -> None:
         """Make room for that many more nodes and failures.
@@ -288,6 +293,7 @@ class SearchTree:
                 raise InvalidInputError(f"{name}: expected at most {most}, got {shown(value)}")
         self._n += nodes
         self._failed += failures
+        self.changes += 1
 
 
 def _copied(rows: _Rows) -> _Rows:

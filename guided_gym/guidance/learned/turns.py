@@ -6,7 +6,6 @@ what was trained in the one runs in the other. Nothing of the oracle is among th
 
 from __future__ import annotations
 
-import math
 from collections.abc import Sequence
 from enum import IntEnum
 from functools import cache
@@ -16,8 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from guided_gym.guidance.base import GuidingSpace
-from guided_gym.kernels.metric import separation
-from guided_gym.kernels.turns import seen
+from guided_gym.kernels.turns import Record, noted, seen
 from guided_gym.search.search import NO_NODE, Expansion, Search
 
 
@@ -52,8 +50,7 @@ class SearchColumn(IntEnum):
 COLUMN_NAMES: Final = tuple(f"search.{c.name.lower()}" for c in SearchColumn) + tuple(
     f"guide.{c.name.lower()}" for c in GuideColumn
 )
-_MEMORY: Final = 0.8  # of the failures: what counts is about the last five
-_LAG: Final = 0.9  # of the trend: about the last ten
+_NOTHING: Final = -1, 0, NO_NODE  # has been noted since the last observation
 
 
 def observed_size(guides: int) -> int:
@@ -83,48 +80,34 @@ class Turns:
         self._guides, self._search = guides, search
         k = len(guides)
         self._current = 0
-        self._last_failed, self._failures = [0.0] * k, [0.0] * k
-        self._waiting, self._uses = [0.0] * k, [0.0] * k
-        self._record, self._favourites = np.zeros((6, k)), np.zeros(k, np.int64)  # as `seen` takes them
-        self._scale, self._lagging = [1.0] * k, [math.nan] * k
+        self._record = Record(np.zeros((6, k)), np.ones(k), np.full(k, np.nan), np.array([1.0, 0.0]))
+        self._news = _NOTHING
+        self._latest, self._favourites = np.zeros(k), np.zeros(k, np.int64)
         self._bounds = bounds(k)
-        self._streak = 0
         self._far = max(float(search.space.distance(search.start, search.goal)), 1e-9)
-        self._nearest = 1.0
 
     def note(self, guide: int, expansion: Expansion) -> None:
         """Record what became of a sample that ``guide`` guided."""
-        failed = float(expansion.failed)
+        if self._news is not _NOTHING:
+            nodes, goal, metric = self._search.tree.nodes, self._search.goal, self._search.space.metric
+            noted(self._record, self._news, nodes.configurations, goal, self._far, metric)
         self._current = guide
-        self._last_failed[guide] = failed
-        self._failures[guide] += (1 - _MEMORY) * (failed - self._failures[guide])
-        self._waiting = [samples + 1 for samples in self._waiting]
-        self._waiting[guide] = 0.0
-        self._uses[guide] += 1
-        self._streak = self._streak + 1 if expansion.failed else 0
-        if expansion.child != NO_NODE:
-            search = self._search
-            child = search.tree.nodes.configurations[expansion.child]
-            gap = separation(child, search.goal, search.space.metric) / self._far
-            self._nearest = min(self._nearest, gap)
+        self._news = guide, int(expansion.failed), expansion.child
 
     def observe(self) -> NDArray[np.float32]:
         """(5 + 13 k,) the numbers, `SearchColumn` first, then `GuideColumn` of each; once a sample."""
-        search, record = self._search, self._record
-        last_failed, failures, waiting, uses, remaining, trend = record
-        for guide in range(len(self._guides)):
-            self._favourites[guide], h = self._favourite(guide)
-            before = self._lagging[guide]
-            self._lagging[guide] = _LAG * before + (1 - _LAG) * h
-            last_failed[guide], failures[guide] = self._last_failed[guide], self._failures[guide]
-            waiting[guide], uses[guide] = self._waiting[guide], self._uses[guide]
-            remaining[guide], trend[guide] = h, 4 * (before - h)
-        nodes = search.tree.nodes
+        search, latest, favourites = self._search, self._latest, self._favourites
+        tree = search.tree
+        for i, guide in enumerate(self._guides):
+            favourites[i], latest[i] = guide.least(tree)
+        nodes, news = tree.nodes, self._news
+        self._news = _NOTHING
         numbers: NDArray[np.float32] = seen(
-            record,
-            self._favourites,
-            (self._nearest, self._far, search.planner.step),
-            (search.samples, len(search.tree), self._streak, self._current),
+            self._record,
+            news,
+            (favourites, latest),
+            (self._far, search.planner.step),
+            (search.samples, len(tree), self._current),
             (nodes.configurations, nodes.failures, nodes.children),
             search.goal,
             search.space.geometry,
@@ -132,14 +115,3 @@ class Turns:
             self._bounds,
         )
         return numbers
-
-    def _favourite(self, guide: int) -> tuple[int, float]:
-        """The node of least h, and that h by the root's at first."""
-        node, h = self._guides[guide].least(self._search.tree)
-        first = math.isnan(self._lagging[guide])
-        if first and 0 < h < math.inf:
-            self._scale[guide] = h
-        h = min(h / self._scale[guide], 2.0)
-        if first:
-            self._lagging[guide] = h
-        return node, h

@@ -24,6 +24,7 @@ SCALAR = {
     "exp",
     "log",
     "isfinite",
+    "isnan",
     "copysign",
     "uint8",
     "uint32",

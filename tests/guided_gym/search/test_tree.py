@@ -78,6 +78,19 @@ def test_rewire__carries_the_subtree_along() -> None:
     consistent(tree)
 
 
+def test_changes__counts_each_of_them() -> None:
+    tree = grown()
+    assert tree.changes == 4  # the root is the first
+    tree.add_failure(2, np.array([9.0, 2.0]), np.array([8.0, 2.0]))
+    assert tree.changes == 5
+    tree.rewire(1, 2, float(np.hypot(3, 3)))
+    assert tree.changes == 6
+    tree.reserve(2)
+    assert tree.changes == 6
+    tree.grown(1, 0)
+    assert tree.changes == 7
+
+
 def test_views__are_read_only() -> None:
     tree = grown()
     tree.add_failure(0, np.zeros(2), np.zeros(2))

@@ -15,9 +15,10 @@ from guided_gym.guidance.hybrid import Hybrid
 from guided_gym.guidance.learned import weights
 from guided_gym.guidance.learned.agent import fingerprint
 from guided_gym.guidance.learned.rule import LearnedRule, RuleModel, rule_shapes, save_rule
-from guided_gym.guidance.learned.turns import COLUMN_NAMES, GuideColumn, SearchColumn, observed_size
+from guided_gym.guidance.learned.turns import COLUMN_NAMES, GuideColumn, SearchColumn, Turns, observed_size
 from guided_gym.guidance.registry import make_guidance, make_guides
 from guided_gym.guidance.rules import Swap
+from guided_gym.search.search import Search
 
 GUIDES = ["lazy_prm", "medial_axis"]
 CARD = {
@@ -101,6 +102,28 @@ def test_it_decides_in_a_hybrid_as_it_does_in_the_environment(tmp_path):
         problem, Hybrid(make_guides(GUIDES), rule=LearnedRule(model)), seed=5, max_samples=60
     )
     assert np.array_equal(env.search.tree.configurations, result.tree.configurations)
+
+
+def test_turns_noted_without_a_look_between_them_are_recorded_all_the_same():
+    problem = make_distribution("TrapCup").problem(0)
+    search = Search(problem, *(np.random.default_rng(i) for i in range(2)))
+    hybrid = make_guidance("hybrid(lazy_prm, medial_axis, rule=round_robin)")
+    search.attach(hybrid)
+    looking, waiting = (Turns(hybrid.guides, search) for _ in range(2))
+    for _ in range(20):
+        guide = hybrid.current
+        node = hybrid.select(search.tree)
+        expansion = search.expand(node, hybrid.propose(search.tree, node))
+        for turns in (looking, waiting):
+            turns.note(guide, expansion)
+        seen = looking.observe()
+    whole = dict(zip(COLUMN_NAMES, [*seen[:5], *seen[5 : 5 + len(GuideColumn)]], strict=True))
+    late = dict(zip(COLUMN_NAMES, waiting.observe()[: len(COLUMN_NAMES)], strict=True))
+    assert 0 < whole["guide.failures"] < 1
+    for name in ("last_failed", "failures", "waiting", "use"):
+        assert late[f"guide.{name}"] == whole[f"guide.{name}"]
+    for column in SearchColumn:
+        assert late[f"search.{column.name.lower()}"] == whole[f"search.{column.name.lower()}"]
 
 
 def test_other_guides_are_refused(tmp_path):
