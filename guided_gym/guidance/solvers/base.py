@@ -56,6 +56,15 @@ class CostToGo(Protocol):
     `begin` may be called any number of times, each time for a new search. Within a search costs only rise,
     except where a solver that sees no way at all any more begins anew on a finer scale, or finds another way.
 
+    A solver may be able to do more. `Composed` asks whether it has these, and does without where it has not:
+
+    - ``hopeless``: a bool, whether it is sure since `begin` that nothing leads from the start to the goal.
+    - ``plausible(node, lengths)``: which of the states asked for last a motion from a node may reach.
+    - ``ahead(state)``: (k, d') states that a proposal from there should look at, too.
+    - ``choose(state, states)``: which of some states to try from another; needed with ``doubts = True``.
+    - ``grow(search, terms, most)``: many samples in one go, as `Composed.burst` wants them.
+    - ``drawing(values)``: what a figure shows of it.
+
     Attributes:
         looks: Poses and motions that it has checked for collision since `begin`. What it finds by looking at
             E' in another way (a raster, an oracle) is no check; a class attribute ``sees = True`` says that
