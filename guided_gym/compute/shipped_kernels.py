@@ -14,8 +14,10 @@ import hashlib
 import json
 import pickle
 import platform
+import struct
 import sys
 import zipfile
+import zlib
 from functools import cache
 from pathlib import Path
 from typing import Any, Final
@@ -28,6 +30,17 @@ from guided_gym.errors import StorageError
 KERNELS: Final = Path(__file__).parents[1] / "kernels"
 ARCHIVE: Final = "compiled.zip"
 _STAMP: Final = "made-with.json"
+_DAMAGED: Final = (  # what reading an archive raises if a byte of it is another, in its lists or in an entry
+    OSError,
+    KeyError,
+    EOFError,
+    ValueError,
+    RuntimeError,
+    struct.error,
+    zlib.error,
+    zipfile.BadZipFile,
+    pickle.UnpicklingError,
+)
 
 
 def sources_stamp(folder: Path) -> str:
@@ -66,7 +79,7 @@ class ShippedKernels:
             archive = zipfile.ZipFile(path)
             if json.loads(archive.read(_STAMP)) == made_with():
                 self._archive = archive
-        except (OSError, KeyError, ValueError, zipfile.BadZipFile):
+        except _DAMAGED:
             pass  # no archive, or a damaged one: kernels compile
 
     def load(self, name: str, key: tuple[Any, ...]) -> Any:
@@ -80,7 +93,7 @@ class ShippedKernels:
             return None
         try:
             return pickle.loads(self._archive.read(_entry(name, key)))
-        except (OSError, KeyError, EOFError, zipfile.BadZipFile, pickle.UnpicklingError):
+        except _DAMAGED:
             return None
 
 

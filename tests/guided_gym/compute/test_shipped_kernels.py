@@ -7,6 +7,7 @@ import os
 import subprocess
 import sys
 import zipfile
+from types import SimpleNamespace
 
 import pytest
 
@@ -86,6 +87,28 @@ def test_damage_within_an_entry_is_found_by_its_checksum(archive, tmp_path):
     content[len(content) // 2] ^= 0xFF
     (tmp_path / "damaged.zip").write_bytes(content)
     assert ran(tmp_path / "damaged.zip", tmp_path)[1] > 0
+
+
+def test_no_damaged_byte_is_an_obstacle(archive, tmp_path, monkeypatch):
+    content, damaged, stamp = archive.read_bytes(), tmp_path / "damaged.zip", made_with()
+    with zipfile.ZipFile(archive) as source:
+        whole = {name: source.read(name) for name in source.namelist() if not name.endswith(".json")}
+    # Entries go by their own names here, and what they hold stays packed.
+    monkeypatch.setattr(shipped_kernels, "_entry", lambda name, key: name)
+    monkeypatch.setattr(shipped_kernels, "made_with", lambda: stamp)
+    monkeypatch.setattr(shipped_kernels, "pickle", SimpleNamespace(loads=bytes))
+    lists = content.index(b"PK\x01\x02")
+    missed = 0
+    for place in {*range(60), *range(0, lists, 97), *range(lists, len(content))}:
+        changed = bytearray(content)
+        changed[place] ^= 0xFF
+        damaged.write_bytes(changed)
+        kernels = ShippedKernels(damaged)
+        for name, held in whole.items():
+            found = kernels.load(name, ())
+            assert found in (None, held), place
+            missed += found is None
+    assert missed > 0
 
 
 def test_kernels_for_one_processor_alone_are_not_packed(tmp_path):
