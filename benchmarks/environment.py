@@ -9,18 +9,16 @@ machine; cpu is the mean of the processor's time.
 
 from __future__ import annotations
 
-import argparse
-import json
 import os
 import subprocess
 import sys
 import tempfile
 import time
 from collections.abc import Callable
-from pathlib import Path
 
 import gymnasium
 import numpy as np
+from command_line import command_line, write_figures
 from rich.console import Console
 from rich.table import Table
 
@@ -137,11 +135,8 @@ def measure(steps: int) -> dict[str, dict[str, float | str]]:
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(
-        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
-    )
+    parser = command_line(__doc__)
     parser.add_argument("--steps", type=int, default=5000, help="steps of each kind")
-    parser.add_argument("--json", type=Path, help="write the figures to this file")
     options = parser.parse_args()
     rows = measure(options.steps)
     table = Table("", "mean", "median", "99 %", "cpu", "limit", "")
@@ -149,8 +144,7 @@ def main() -> None:
         numbers = [f"{r[key]:.3g}" if key in r else "" for key in ("mean", "median", "p99", "cpu", "limit")]
         table.add_row(label, *numbers, str(r["unit"]))
     Console().print(table)
-    if options.json:
-        options.json.write_text(json.dumps(rows, indent=2) + "\n", encoding="utf-8")
+    write_figures(options.json, rows)
 
 
 if __name__ == "__main__":

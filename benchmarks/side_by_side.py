@@ -10,11 +10,12 @@ Of each step of an environment, the least time by the clock over so many equal e
 
 from __future__ import annotations
 
-import argparse
 import json
 import subprocess
 import sys
 from pathlib import Path
+
+from command_line import command_line, write_figures
 
 SEARCHES = {
     "TrapCup": ("lazy_prm", "hybrid"),
@@ -99,11 +100,10 @@ def measured(python: str, problems: int) -> dict[str, float]:
 
 def main() -> None:
     """Measure both, and print a table."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawTextHelpFormatter)
+    parser = command_line(__doc__)
     parser.add_argument("python", type=Path, nargs="?", help="interpreter of the other build")
     parser.add_argument("--problems", type=int, default=64, help="0 for the steps alone")
     parser.add_argument("--rounds", type=int, default=3)
-    parser.add_argument("--json", type=Path)
     options = parser.parse_args()
     if options.python is None:
         print("no interpreter of another build was given: nothing is compared")
@@ -118,8 +118,7 @@ def main() -> None:
     for item, seconds in best[0].items():
         other = best[1][item]
         print(f"{item:44} {1e3 * seconds:7.3f} {1e3 * other:9.3f} {seconds / other:6.2f}")
-    if options.json:
-        options.json.write_text(json.dumps({"this": best[0], "other": best[1]}, indent=2))
+    write_figures(options.json, {"this": best[0], "other": best[1]})
 
 
 if __name__ == "__main__":

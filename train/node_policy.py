@@ -44,14 +44,8 @@ from guided_gym.train.specs import package_version
 from guided_gym.train.terminal import Progress
 
 _COLUMNS = len(ScorerColumn) + 1  # and what is taken from the score
-_KEPT = (
-    "kind",
-    "robot",
-    "field",
-    "belief",
-    "estimate",
-    "scorer",
-)  # of the card of the agent that it began with
+# Of the card of the agent that a run began with.
+_KEPT: Final[tuple[str, ...]] = ("kind", "robot", "field", "belief", "estimate", "scorer")
 SELECTION_REWARD: Final = {"regret": 1.0, "sample": 0.1}
 """What a choice is worth where selection alone is learned."""
 _MOST = 1e4  # no column of the scorer is negative, and none that large
@@ -245,10 +239,10 @@ class _ScorerTrainee(Trainee):
             self.tensors = weights.load_agent(folder, kind, ("format", "kind"))[1]
         self.scorer = self.agent.scorer.architecture
 
-    def _guidance(self, scorer: Tensors) -> ScoredGuidance:
+    def guidance(self, tensors: Tensors) -> ScoredGuidance:
         """The guidance of the agent with another scorer, which selects."""
         agent = copy.copy(self.agent)
-        agent.scorer = ScorerModel(self.scorer, scorer)
+        agent.scorer = ScorerModel(self.scorer, tensors)
         if isinstance(agent, MotionAgent):
             return MotionGuidance(agent, scored=True)
         return LearnedGuidance(agent, scored=True)
@@ -258,7 +252,7 @@ class _ScorerTrainee(Trainee):
         return weights.part_of(self.tensors, "scorer")
 
     def environment(self, name: str) -> gymnasium.Env[Any, Any]:
-        guidance = self._guidance(self._own())
+        guidance = self.guidance(self._own())
         samples = self.config.max_samples
         env = GuidedSearchEnv(
             name,
@@ -295,9 +289,6 @@ class _ScorerTrainee(Trainee):
     def export(self, model: PPO) -> Tensors:
         assert isinstance(model.policy, NodeScorerPolicy)
         return {name: t.copy() for name, t in networks.scorer_tensors(model.policy.scorer).items()}
-
-    def guidance(self, tensors: Tensors) -> ScoredGuidance:
-        return self._guidance(tensors)
 
     def write(self, folder: Path, card: dict[str, Any], tensors: Tensors) -> None:
         named = {name: t for name, t in self.tensors.items() if not name.startswith("scorer.")}

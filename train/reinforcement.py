@@ -32,7 +32,7 @@ from guided_gym.guidance.base import GuidingSpace
 from guided_gym.guidance.learned import weights
 from guided_gym.options import checked_samples
 from guided_gym.randomness import seed_of
-from guided_gym.train.checkpoints import RunFolder, check_board
+from guided_gym.train.checkpoints import AGENT_FOLDER, RunFolder, check_board
 from guided_gym.train.imitation import checked_device
 from guided_gym.train.staged import moments_of, put_moments
 from guided_gym.train.terminal import Progress
@@ -277,7 +277,7 @@ class _Run:
             "training": {"method": self.trainee.kind, **asdict(self.config)},
             "metrics": {"validation": self.state["best"], "history": self.state["history"]},
         }
-        self.trainee.write(self.folder.path / "agent", card, self.best)
+        self.trainee.write(self.folder.path / AGENT_FOLDER, card, self.best)
         return card
 
     def validate(self) -> None:

@@ -139,6 +139,7 @@ def _print_history(card: dict[str, Any], folder: Path) -> None:
     from rich.console import Console
     from rich.table import Table
 
+    from guided_gym.train.checkpoints import AGENT_FOLDER
     from guided_gym.train.specs import learned_word
 
     best = card["metrics"]["validation"]
@@ -151,8 +152,8 @@ def _print_history(card: dict[str, Any], folder: Path) -> None:
         seconds, solved = f"{row.get('seconds', math.nan):.0f}", f"{row['solved']:.3f}"
         table.add_row(str(row["steps"]), seconds, solved, *(f"{n:.2f}" for n in numbers), kept)
     Console(highlight=False).print(table)
-    word = learned_word(folder / "agent")
-    print(f"\nIn {folder / 'agent'}; try: guided-gym evaluate --guidance {word}")
+    word = learned_word(folder / AGENT_FOLDER)
+    print(f"\nIn {folder / AGENT_FOLDER}; try: guided-gym evaluate --guidance {word}")
 
 
 __all__ = ["train_app"]
